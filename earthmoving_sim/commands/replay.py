@@ -77,10 +77,10 @@ def run(args: argparse.Namespace) -> int:
     """Replay the runs of the bag and print the result; return 0 if all are identical, else 1."""
     from earthmoving_sim.reading_progress import reading_progress
     from earthmoving_sim.replay.node_parameters import parse_change
+    from earthmoving_sim.replay.recorded.run_survey import survey_runs
     from earthmoving_sim.replay.replay_recording import ReplayRecording
-    from earthmoving_sim.replay.run_figures import compare_figures, read_figures
     from earthmoving_sim.replay.run_replay import RunReplay
-    from earthmoving_sim.replay.run_survey import survey_runs
+    from earthmoving_sim.run_figures.figures import compare_figures, read_figures
     from msg_bridge.bag.reader import BagReader
     from msg_bridge.contract.errors import EarthmovingError
 

@@ -8,16 +8,11 @@ with what was recorded.
 
 Modules:
 
-- `run_survey`: which runs, sessions, configurations and state hashes a bag has
-- `topic_queues`: the messages of a bag by topic, in the order of each topic
-- `recorded_files`: the attached files of a run, in a folder
+- `recorded`: what a bag has of the runs
 - `node_parameters`: parameters of the nodes from their configurations, and changes of them
-- `recorded_soil`, `recorded_node`: what the soil and a machine node did, tick by tick
-- `soil_tick_inputs`: which machines took part in a tick of the soil, and how
 - `replayed_soil`, `replayed_machines`: soil and machine nodes that do it again
 - `run_replay`: all of a run; its `replay_result`
 - `saved_state`: its state after a tick, from which it continues
 - `comparison`, `difference_details`: the first difference from the recording
 - `observer`: what follows a replay; `replay_recording` records it through a `bag_node`
-- `run_figures`: volumes and `payload_cycles`, by which two runs are compared
 """

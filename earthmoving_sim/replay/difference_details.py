@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from earthmoving_sim.replay.comparison import Difference, describe_rows
+from earthmoving_sim.replay.recorded.run_survey import SessionId
 from earthmoving_sim.replay.replayed_machines import ReplayedMachines
-from earthmoving_sim.replay.run_survey import SessionId
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.row_chunks import from_chunk_cloud

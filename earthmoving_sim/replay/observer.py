@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from earthmoving_sim.replay.node_parameters import MachineNodeSetup
-from earthmoving_sim.replay.recorded_node import NodeAction
+from earthmoving_sim.replay.recorded.recorded_node import NodeAction
 from earthmoving_sim.replay.replayed_machines import ReplayedMachines
 from earthmoving_sim.replay.replayed_soil import ReplayedSoil
 from msg_bridge.contract.messages import Message, SoilHeader

@@ -11,7 +11,7 @@ from std_msgs.msg import Int64MultiArray
 
 from earthmoving_sim.replay.bag_node import BagNode, TimedBag
 from earthmoving_sim.replay.node_parameters import MachineNodeSetup
-from earthmoving_sim.replay.recorded_node import NodeAction
+from earthmoving_sim.replay.recorded.recorded_node import NodeAction
 from earthmoving_sim.replay.replayed_machines import ReplayedMachines
 from earthmoving_sim.replay.replayed_soil import ReplayedSoil
 from machine_sim.node.machine_instance import find_input_files

@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from earthmoving_sim.replay.errors import ReplayError
 from earthmoving_sim.replay.node_parameters import MachineNodeSetup
-from earthmoving_sim.replay.recorded_node import NodeAction, ReplayError
+from earthmoving_sim.replay.recorded.recorded_node import NodeAction
 from machine_sim.commands import AppliedCommand, CommandSource
 from machine_sim.node.machine_instance import MachineInstance, create_machine_instances
 from machine_sim.node.machine_run import MachineRun

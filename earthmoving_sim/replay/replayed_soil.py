@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from earthmoving_sim.replay.errors import ReplayError
 from earthmoving_sim.replay.node_parameters import SoilNodeSetup
-from earthmoving_sim.replay.recorded_node import ReplayError
-from earthmoving_sim.replay.soil_tick_inputs import SoilTickInputs
+from earthmoving_sim.replay.recorded.soil_tick_inputs import SoilTickInputs
 from msg_bridge.contract.input_files import InputFile
 from msg_bridge.contract.messages import Keyframe, Message
 from soil_sim.endpoint import SoilEndpoint, SoilTickResult

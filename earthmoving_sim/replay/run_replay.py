@@ -15,6 +15,7 @@ from earthmoving_sim.replay.comparison import (
     find_ledger_difference,
 )
 from earthmoving_sim.replay.difference_details import DifferenceError, joint_detail, row_detail
+from earthmoving_sim.replay.errors import ReplayError
 from earthmoving_sim.replay.node_parameters import (
     MachineNodeSetup,
     ParameterChange,
@@ -23,21 +24,24 @@ from earthmoving_sim.replay.node_parameters import (
     soil_node_setup,
 )
 from earthmoving_sim.replay.observer import Observer
-from earthmoving_sim.replay.recorded_files import restore_files
-from earthmoving_sim.replay.recorded_node import (
+from earthmoving_sim.replay.recorded.recorded_files import restore_files
+from earthmoving_sim.replay.recorded.recorded_node import (
     NodeAction,
     RecordedNode,
-    ReplayError,
     command_topics,
 )
-from earthmoving_sim.replay.recorded_soil import LEDGER_TOPIC, SOIL_TICK_TOPIC, RecordedSoil
+from earthmoving_sim.replay.recorded.recorded_soil import (
+    LEDGER_TOPIC,
+    SOIL_TICK_TOPIC,
+    RecordedSoil,
+)
+from earthmoving_sim.replay.recorded.run_survey import RunSurvey, SessionId
+from earthmoving_sim.replay.recorded.soil_tick_inputs import find_inputs
+from earthmoving_sim.replay.recorded.topic_queues import TopicQueues
 from earthmoving_sim.replay.replay_result import ReplayResult
 from earthmoving_sim.replay.replayed_machines import ReplayedMachines, compile_kernels
 from earthmoving_sim.replay.replayed_soil import ReplayedSoil
-from earthmoving_sim.replay.run_survey import RunSurvey, SessionId
 from earthmoving_sim.replay.saved_state import SavedMachines, SavedState
-from earthmoving_sim.replay.soil_tick_inputs import find_inputs
-from earthmoving_sim.replay.topic_queues import TopicQueues
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.checkpoint.state_file import load_state_file, save_state_file
 from msg_bridge.codec.run_config import parse_run_facts
@@ -99,14 +103,7 @@ class RunReplay:
     def _set_up(self, folder: Path, changes: Sequence[ParameterChange]) -> None:
         """Restore files and parameters, and create the soil; `folder` is an empty one."""
         survey = self.survey
-        placed = {s.namespace for s in survey.starts.values() if s.terrain_revision >= 0}
-        for namespace in survey.nodes.values():
-            if namespace not in placed:
-                raise ReplayError(
-                    f"{self._reader.path} lacks the configuration of {namespace} in run"
-                    f" {survey.run_id} with session and terrain_revision; it was recorded by an"
-                    " older version, or not from the begin of the run: record it again"
-                )
+        survey.check_configurations(self._reader.path)
         files = restore_files(self._reader, survey.config, folder / "soil")
         soil_setup = soil_node_setup(survey.config, files, changes)
         self._setups = self._machine_setups(folder, changes)

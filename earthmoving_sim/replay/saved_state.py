@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from earthmoving_sim.replay.node_parameters import MachineNodeSetup
+from earthmoving_sim.replay.recorded.run_survey import SessionId
 from earthmoving_sim.replay.replayed_machines import OnState, ReplayedMachines
 from earthmoving_sim.replay.replayed_soil import ReplayedSoil
-from earthmoving_sim.replay.run_survey import SessionId
 from machine_sim.physics_state import dump_physics, next_client, restore_physics
 from msg_bridge.codec.run_config import RunFacts
 from msg_bridge.contract.messages import Keyframe, MachineHeader, SoilHeader

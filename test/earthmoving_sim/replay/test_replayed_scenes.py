@@ -16,9 +16,9 @@ from std_msgs.msg import String
 from support.node_scenes import Scene, dig, machine_file, ready_to_dig
 
 from earthmoving_sim.cli import main
+from earthmoving_sim.replay.recorded.run_survey import survey_runs
 from earthmoving_sim.replay.replay_result import ReplayResult
 from earthmoving_sim.replay.run_replay import RunReplay
-from earthmoving_sim.replay.run_survey import survey_runs
 from machine_sim.node.machine_node import MachineNode
 from msg_bridge.audit.bag_audit import audit_bag
 from msg_bridge.bag.reader import BagReader

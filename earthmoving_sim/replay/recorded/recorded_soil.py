@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from earthmoving_sim.replay.recorded_node import ReplayError
-from earthmoving_sim.replay.topic_queues import TopicQueues
+from earthmoving_sim.replay.errors import ReplayError
+from earthmoving_sim.replay.recorded.topic_queues import TopicQueues
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.contract import topics

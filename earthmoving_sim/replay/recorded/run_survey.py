@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, NamedTuple
 
+from earthmoving_sim.replay.errors import ReplayError
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.run_config import parse_run_facts, parse_section, parse_session, versions
@@ -71,6 +73,24 @@ class RunSurvey:
     starts: dict[SessionId, NodeStart] = field(default_factory=dict)
     last_ticks: dict[SessionId, int] = field(default_factory=dict)
     hashes: dict[str, dict[int, str]] = field(default_factory=dict)
+
+    def check_configurations(self, bag: Path) -> None:
+        """Check that there is a configuration of each machine node with what a replay needs.
+
+        Args:
+            bag: path of the bag, for the error.
+
+        Raises:
+            ReplayError: there is none.
+        """
+        placed = {s.namespace for s in self.starts.values() if s.terrain_revision >= 0}
+        for namespace in self.nodes.values():
+            if namespace not in placed:
+                raise ReplayError(
+                    f"{bag} lacks the configuration of {namespace} in run {self.run_id} with"
+                    " session and terrain_revision; it was recorded by an older version, or not"
+                    " from the begin of the run: record it again"
+                )
 
     @property
     def other_versions(self) -> dict[str, tuple[str, str]]:

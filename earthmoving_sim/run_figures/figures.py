@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from earthmoving_sim.replay.payload_cycles import PayloadCycle, find_cycles
+from earthmoving_sim.run_figures.payload_cycles import PayloadCycle, find_cycles
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.machine_state import from_payload_array

@@ -9,21 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from earthmoving_sim.replay.run_survey import SessionId
-from earthmoving_sim.replay.topic_queues import TopicQueues
+from earthmoving_sim.replay.errors import ReplayError
+from earthmoving_sim.replay.recorded.run_survey import SessionId
+from earthmoving_sim.replay.recorded.topic_queues import TopicQueues
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.stamps import stamp_from_tick
 from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.contract import topics
-from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.messages import MachineHeader
 from msg_bridge.contract.topics import resolve
 
-__all__ = ["NodeAction", "RecordedNode", "ReplayError"]
-
-
-class ReplayError(EarthmovingError):
-    """A bag lacks what a replay needs."""
+__all__ = ["NodeAction", "RecordedNode", "command_topics"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from earthmoving_sim.replay.payload_cycles import find_cycles
+from earthmoving_sim.run_figures.payload_cycles import find_cycles
 
 DIG = [(0.0, 0.0), (4.0, 0.5), (6.0, 1.0), (9.0, 0.9), (10.0, 0.1)]
 """Time [s] and payload [m^3] of a cycle that spills on the way and keeps some soil."""

@@ -6,16 +6,12 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 
+from earthmoving_sim.replay.errors import RecordedFileError
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.run_config import parse_input_files
-from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.input_files import InputFile
 
-__all__ = ["RecordedFileError", "restore_files"]
-
-
-class RecordedFileError(EarthmovingError):
-    """A file that a run depends on is neither in its bag nor on this computer."""
+__all__ = ["restore_files"]
 
 
 def restore_files(reader: BagReader, config: str, folder: Path) -> Mapping[str, Path]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from earthmoving_sim.replay.run_survey import SessionId
+from earthmoving_sim.replay.recorded.run_survey import SessionId
 from msg_bridge.contract.messages import SoilHeader
 
 __all__ = ["SoilTickInputs", "find_inputs"]
