@@ -87,8 +87,10 @@ def subscribe_to_machines(
 
     def on_config(name: str, msg: String) -> None:
         others.set_config(name, msg.data)
-        while early[name]:
-            on_joints(name, early[name].popleft())
+        messages = list(early[name])
+        early[name].clear()
+        for message in messages:
+            on_joints(name, message)
 
     for name in others.names:
         config_topic = resolve(topics.MACHINE_CONFIG, others.node_namespace(name))

@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Iterable
 from contextlib import ExitStack
+from dataclasses import asdict
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -84,6 +85,10 @@ def run(args: argparse.Namespace) -> int:
     from msg_bridge.bag.reader import BagReader
     from msg_bridge.contract.errors import EarthmovingError
 
+    if args.until is not None and args.until < 1:
+        raise EarthmovingError(f"--until is {args.until}; give a tick from 1 on")
+    if args.save is not None and not args.save.absolute().parent.is_dir():
+        raise EarthmovingError(f"there is no folder for --save {args.save}; create it")
     changes = [parse_change(text) for text in args.what_if]
     reader = BagReader(args.bag, namespace=args.namespace)
     known = surveys = survey_runs(reader, reading_progress())
@@ -114,19 +119,25 @@ def run(args: argparse.Namespace) -> int:
                 replay.follow(recording)
             if args.state is not None:
                 replay.restore(args.state)
+                if args.until is not None and args.until <= replay.result.first_tick:
+                    raise EarthmovingError(
+                        f"{args.state} is of tick {replay.result.first_tick}; give a later --until"
+                    )
             if not args.json:
                 print(f"{args.bag}: run {survey.run_id}, {_describe(replay)}", flush=True)
             progress = _Progress(replay) if sys.stderr.isatty() else None
             replay.run(progress, until=args.until)
+            if not args.json:
+                print("\n".join(_lines(replay, reader.truncated, is_what_if=bool(changes))))
             if args.save is not None:
                 replay.save(args.save)
-        reports.append(_report(replay))
+        reports.append(_report(replay, is_what_if=bool(changes)))
         if not args.json:
-            print("\n".join(_lines(replay, reader.truncated, is_what_if=bool(changes))))
             if folder is not None:
                 print(f"  recorded into {folder}")
             if args.save is not None:
                 print(f"  state after tick {replay.result.last_tick} written to {args.save}")
+    figures = []
     if changes and folder is not None:
         replayed = BagReader(folder, namespace=None)
         end = (replay.result.last_tick + 0.5) * replay.facts.tick_period
@@ -134,7 +145,17 @@ def run(args: argparse.Namespace) -> int:
         if not args.json:
             print("\n".join(compare_figures(figures[0], figures[1], "what if")))
     if args.json:
-        print(json.dumps({"path": str(args.bag), "runs": reports}, indent=2))
+        result = {
+            "path": str(args.bag),
+            "truncated": list(reader.truncated),
+            "what_if": list(map(str, changes)),
+            "recorded_into": None if folder is None else str(folder),
+            "runs": reports,
+            "figures": [asdict(each) for each in figures],
+        }
+        print(json.dumps(result, indent=2))
+    if changes:
+        return 1 if any(each["ended_early"] for each in reports) else 0
     return 0 if all(each["identical"] for each in reports) else 1
 
 
@@ -173,16 +194,17 @@ def _describe(replay: RunReplay) -> str:
     return f"{sync}, terrain of {grid.rows} x {grid.cols} columns, {nodes}"
 
 
-def _report(replay: RunReplay) -> dict[str, Any]:
-    """Return the result of a replay for JSON."""
+def _report(replay: RunReplay, *, is_what_if: bool) -> dict[str, Any]:
+    """Return the result of a replay for JSON; of what was not compared, `identical` is null."""
     result = replay.result
     difference = result.difference
     return {
         "run_id": replay.survey.run_id,
-        "identical": result.is_identical,
+        "identical": None if is_what_if else result.is_identical,
         "first_tick": result.first_tick,
         "last_tick": result.last_tick,
         "ledgers": result.num_ledgers,
+        "missing_ledgers": result.num_missing_ledgers,
         "hashes": result.num_hashes,
         "difference": None
         if difference is None
@@ -208,11 +230,16 @@ def _lines(replay: RunReplay, truncated: Iterable[str], *, is_what_if: bool) -> 
         lines.append(f"  ✗ replayed up to tick {result.last_tick}: {result.ended_early}")
     elif is_what_if:
         lines.append(f"  the same commands over {result.num_ticks:,} ticks, not compared")
+    elif result.num_missing_ledgers:
+        lines.append(
+            f"  ✗ no difference over {result.num_ticks:,} ticks{begin}, but the ledgers of"
+            f" {result.num_missing_ledgers:,} ticks are missing or cannot be read"
+        )
     else:
         hashes = ", ".join(f"{count} of {name}" for name, count in result.num_hashes.items())
         lines += [
-            f"  ✓ identical over {result.num_ticks:,} ticks{begin}: all headers and digests of"
-            f" rows, {result.num_ledgers:,} ledgers",
+            f"  ✓ identical over {result.num_ticks:,} ticks{begin}: all headers with their"
+            f" digests of rows, {result.num_ledgers:,} ledgers",
             f"    state hashes: {hashes or 'none recorded'}",
         ]
     lines += [f"  {name} has no end; what came after its last chunk is lost" for name in truncated]

@@ -34,6 +34,13 @@ __all__ = [
 _SOIL_TYPE_PARAMETERS = ("repose_angle", "swell")
 """Parameters of a soil without a name; a named soil has its own."""
 
+_FIXED = (
+    *("tick_period", "sync", "overload", "expected_machines", "admit_other_machines"),
+    *("machine_id", "machine_timeout", "machines", "bins", "required_subscribers"),
+    *("exchange_key_file", "paused", "command_wait_period", "command_delay"),
+)
+"""Parameters of nodes that have no effect on a replay, or would contradict its recording."""
+
 
 @dataclass(frozen=True)
 class ParameterChange:
@@ -162,7 +169,8 @@ def soil_node_setup(
     sections = _Sections({p: parse_section(config, name) for p, name in prefixes.items()})
     made = _change(sections, files, changes, "soil_sim")
     if any(change.name == "soil.soil" for change in made):
-        for name in _SOIL_TYPE_PARAMETERS:
+        own = {change.name for change in made}
+        for name in (each for each in _SOIL_TYPE_PARAMETERS if f"soil.{each}" not in own):
             sections.set(f"soil.{name}", getattr(SoilParams(), name))
     return SoilNodeSetup(
         SoilNodeParams.from_mapping(sections.section("")),
@@ -225,8 +233,11 @@ def check_changes(
     setups = list(setups)
     names = {name for setup in setups for name in setup.names}
     for change in changes:
-        if change.name == "tick_period":
-            raise ParameterError("tick_period cannot be changed: the commands are those of ticks")
+        if change.name in _FIXED:
+            raise ParameterError(
+                f"{change.name} cannot be changed: the replay has the ticks, machines and sessions"
+                " of the recording"
+            )
         if not any(change in setup.changes for setup in setups):
             raise ParameterError(
                 f"no node of the run has the parameter of {change}{suggestion(change.name, names)}"

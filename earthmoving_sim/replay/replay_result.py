@@ -18,7 +18,8 @@ class ReplayResult:
         last_tick: last tick of the soil that was computed.
         simulated_time: simulated time [s].
         wall_time: wall time of the replay [s], without its preparation.
-        num_ledgers: number of ledgers that the recording has.
+        num_ledgers: number of equal ledgers.
+        num_missing_ledgers: number of ticks whose ledger the recording lacks.
         num_hashes: number of equal state hashes by topic.
         difference: the first difference; None without one.
         ended_early: why the recording cannot be replayed further; empty if it was replayed to its
@@ -30,14 +31,16 @@ class ReplayResult:
     simulated_time: float = 0.0
     wall_time: float = 0.0
     num_ledgers: int = 0
+    num_missing_ledgers: int = 0
     num_hashes: dict[str, int] = field(default_factory=dict)
     difference: Difference | None = None
     ended_early: str = ""
 
     @property
     def is_identical(self) -> bool:
-        """Whether the replay reached the end of the recording without a difference."""
-        return self.difference is None and not self.ended_early
+        """Whether all ticks of the recording were replayed and compared without a difference."""
+        is_complete = not self.ended_early and not self.num_missing_ledgers
+        return self.difference is None and is_complete
 
     @property
     def num_ticks(self) -> int:

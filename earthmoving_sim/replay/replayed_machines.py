@@ -133,17 +133,19 @@ class ReplayedMachines:
         """Return the command of each machine in a tick; its source is not known.
 
         Raises:
-            ReplayError: a command has values for another number of joints than the machine has.
+            ReplayError: a command has values of other joints than the machine has.
         """
         commands = []
         for instance, values in zip(self.instances, action.commands, strict=True):
-            num_joints = len(instance.spec.joint_names)
-            if values.size != num_joints + 2:
+            if values.keys() != set(instance.command_names):
                 raise ReplayError(
-                    f"a command of {self.namespace} in tick {action.header.tick} has {values.size}"
-                    f" values, and its machine has {num_joints} joints and 2 tracks"
+                    f"a command of {self.namespace} in tick {action.header.tick} is of"
+                    f" {', '.join(values) or 'nothing'}; its machine has"
+                    f" {', '.join(instance.command_names)}"
                 )
-            joints, tracks = values[:num_joints], values[num_joints:]
+            num_joints = len(instance.spec.joint_names)
+            velocities = np.array([values[name] for name in instance.command_names])
+            joints, tracks = velocities[:num_joints], velocities[num_joints:]
             unknown: CommandSource = "none"
             sources = (unknown,) * num_joints, (unknown,) * 2
             commands.append(AppliedCommand(joints, tracks, *sources))

@@ -28,11 +28,11 @@ from earthmoving_sim.replay.recorded.recorded_files import restore_files
 from earthmoving_sim.replay.recorded.recorded_node import (
     NodeAction,
     RecordedNode,
-    command_topics,
+    node_topics,
 )
 from earthmoving_sim.replay.recorded.recorded_soil import (
-    LEDGER_TOPIC,
     SOIL_TICK_TOPIC,
+    SOIL_TOPICS,
     RecordedSoil,
 )
 from earthmoving_sim.replay.recorded.run_survey import RunSurvey, SessionId
@@ -43,6 +43,7 @@ from earthmoving_sim.replay.replayed_machines import ReplayedMachines, compile_k
 from earthmoving_sim.replay.replayed_soil import ReplayedSoil
 from earthmoving_sim.replay.saved_state import SavedMachines, SavedState
 from msg_bridge.bag.reader import BagReader
+from msg_bridge.bag.writer import BagError
 from msg_bridge.checkpoint.state_file import load_state_file, save_state_file
 from msg_bridge.codec.run_config import parse_run_facts
 from msg_bridge.contract import topics
@@ -115,7 +116,10 @@ class RunReplay:
         warm_up_soil(soil_setup.soil)
         for setup in self._setups.values():
             compile_kernels(setup)
-        queues = TopicQueues(self._reader, self._topics())
+        types = dict(SOIL_TOPICS)
+        for namespace in survey.nodes.values():
+            types |= node_topics(namespace, self._machine_names(namespace))
+        queues = TopicQueues(self._reader, types)
         self._recorded_soil = RecordedSoil(queues, survey.run_id)
         self._nodes = {
             machine_id: RecordedNode(
@@ -139,6 +143,8 @@ class RunReplay:
         """
         if self._before is None:
             raise ReplayError("there is no state before the first tick; replay some ticks first")
+        if self.result.difference is not None or self.result.ended_early:
+            raise ReplayError("the replay ended within a tick; save the state of one before")
         machines = {}
         for machine_id, each in self.machines.items():
             header = self._nodes[machine_id].newest_header
@@ -200,6 +206,7 @@ class RunReplay:
                     break
             else:
                 self._finish()
+                self.survey.check_end(self.result.last_tick)
             if self._before is None:
                 raise ReplayError(
                     f"the bag lacks the ticks of run {self.survey.run_id} on {SOIL_TICK_TOPIC};"
@@ -207,8 +214,10 @@ class RunReplay:
                 )
         except DifferenceError as found:
             self.result.difference = self._with_detail(found)
+        except BagError:  # of a recording of the replay
+            raise
         except EarthmovingError as error:
-            if self.result.last_tick < 0:
+            if self.result.last_tick <= self.result.first_tick:
                 raise
             self.result.ended_early = str(error)
         self.result.wall_time = time.perf_counter() - start
@@ -238,13 +247,6 @@ class RunReplay:
         session = next(each for each, begin in starts if begin.namespace == namespace)
         return list(self._setups[session].machines)
 
-    def _topics(self) -> list[str]:
-        names = [SOIL_TICK_TOPIC, LEDGER_TOPIC]
-        for namespace in self.survey.nodes.values():
-            names.append(resolve(topics.MACHINE_TICK, namespace))
-            names += command_topics(namespace, self._machine_names(namespace))
-        return names
-
     # The ticks.
 
     def _step(self, recorded: SoilHeader, ledger: Ledger | None) -> None:
@@ -268,9 +270,11 @@ class RunReplay:
         self._before = recorded
         self._keep_keyframe(recorded.revision)
         difference = find_header_difference(recorded, header, _SOIL)
-        if ledger is not None:
+        if ledger is None:
+            self.result.num_missing_ledgers += 1
+        else:
             self._absent = ledger.absent
-            self.result.num_ledgers += 1
+            self.result.num_ledgers += self._compares
             difference = difference or find_ledger_difference(ledger, done.ledger)
         if difference is not None and self._compares:
             raise DifferenceError(difference, sent=sent)

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from earthmoving_sim.replay.errors import ReplayError
 from earthmoving_sim.replay.recorded.run_survey import SessionId
@@ -19,7 +16,7 @@ from msg_bridge.contract import topics
 from msg_bridge.contract.messages import MachineHeader
 from msg_bridge.contract.topics import resolve
 
-__all__ = ["NodeAction", "RecordedNode", "command_topics"]
+__all__ = ["NodeAction", "RecordedNode", "node_topics"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +25,12 @@ class NodeAction:
 
     Attributes:
         header: its header.
-        commands: velocities of the joints [rad/s], then of the tracks [m/s], of each machine of the
+        commands: velocities of the joints [rad/s] and tracks [m/s] by name, of each machine of the
             node; empty for a join request.
     """
 
     header: MachineHeader
-    commands: tuple[NDArray[np.float64], ...] = ()
+    commands: tuple[Mapping[str, float], ...] = ()
 
     @property
     def session(self) -> SessionId:
@@ -61,7 +58,7 @@ class RecordedNode:
         self.namespace = namespace
         self._queues, self._period = queues, tick_period
         self._header_topic = resolve(topics.MACHINE_TICK, namespace)
-        self._command_topics = command_topics(namespace, machines)
+        self._command_topics = _command_topics(namespace, machines)
         self._newest: MachineHeader | None = None
         self._is_skipping = False
 
@@ -108,7 +105,7 @@ class RecordedNode:
             return header.is_tick  # a tick of a session that is over
         return not header.is_tick or (newest.is_tick and header.tick <= newest.tick)
 
-    def _command(self, topic: str, tick: int) -> NDArray[np.float64]:
+    def _command(self, topic: str, tick: int) -> Mapping[str, float]:
         """Return the command that a machine applied in a tick.
 
         Each tick of each machine has one message, so those of ticks that no header names are
@@ -117,13 +114,19 @@ class RecordedNode:
         stamp = stamp_from_tick(tick, self._period)
         while (message := self._queues.next(topic)) is not None:
             if message.header.stamp == stamp:
-                return np.array(message.velocity, dtype=np.float64)
+                return dict(zip(message.name, message.velocity, strict=False))
         raise ReplayError(
             f"the bag lacks the command of tick {tick} on {topic}; record it without loss"
         )
 
 
-def command_topics(namespace: str, machines: Sequence[str]) -> list[str]:
+def node_topics(namespace: str, machines: Sequence[str]) -> dict[str, str]:
+    """Return the type of each topic of a node that is read, by its name."""
+    commands = dict.fromkeys(_command_topics(namespace, machines), "sensor_msgs/msg/JointState")
+    return {resolve(topics.MACHINE_TICK, namespace): "std_msgs/msg/Int64MultiArray", **commands}
+
+
+def _command_topics(namespace: str, machines: Sequence[str]) -> list[str]:
     """Return the topic of the applied commands of each machine of a node."""
     return [
         resolve(f"{name}/{topics.APPLIED_COMMANDS}" if name else topics.APPLIED_COMMANDS, namespace)

@@ -12,10 +12,12 @@ from msg_bridge.contract import topics
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import SoilHeader
 
-__all__ = ["LEDGER_TOPIC", "SOIL_TICK_TOPIC", "RecordedSoil"]
+__all__ = ["LEDGER_TOPIC", "SOIL_TICK_TOPIC", "SOIL_TOPICS", "RecordedSoil"]
 
 SOIL_TICK_TOPIC = f"/{topics.SOIL_TICK}"
 LEDGER_TOPIC = f"/{topics.SOIL_LEDGER}"
+SOIL_TOPICS = dict.fromkeys((SOIL_TICK_TOPIC, LEDGER_TOPIC), "std_msgs/msg/Int64MultiArray")
+"""Type of each topic that is read, by its name."""
 
 
 class RecordedSoil:

@@ -20,6 +20,7 @@ from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.contract import topics
 from msg_bridge.contract.messages import MachineHeader, Verb
 from msg_bridge.exchange.session_key import MAX_SESSION_ID
+from msg_bridge.exchange.stream_buffers import PIPELINE_DEPTH
 
 __all__ = ["NodeStart", "RunSurvey", "SessionId", "survey_runs"]
 
@@ -65,6 +66,7 @@ class RunSurvey:
         starts: processes of machine nodes by their first session.
         last_ticks: last tick of each session that ended with LEAVE.
         hashes: state hash by topic and tick.
+        newest_tick: last tick of which there is a header of a machine or a state hash.
     """
 
     run_id: int
@@ -73,6 +75,7 @@ class RunSurvey:
     starts: dict[SessionId, NodeStart] = field(default_factory=dict)
     last_ticks: dict[SessionId, int] = field(default_factory=dict)
     hashes: dict[str, dict[int, str]] = field(default_factory=dict)
+    newest_tick: int = -1
 
     def check_configurations(self, bag: Path) -> None:
         """Check that there is a configuration of each machine node with what a replay needs.
@@ -91,6 +94,21 @@ class RunSurvey:
                     " session and terrain_revision; it was recorded by an older version, or not"
                     " from the begin of the run: record it again"
                 )
+
+    def check_end(self, last_tick: int) -> None:
+        """Check that nothing in the bag is later than its last tick of the soil.
+
+        Args:
+            last_tick: that tick.
+
+        Raises:
+            ReplayError: headers of the soil are missing.
+        """
+        if self.newest_tick > last_tick + PIPELINE_DEPTH + 1:
+            raise ReplayError(
+                f"the bag has messages of machines up to tick {self.newest_tick}, and no header of"
+                f" the soil after tick {last_tick}"
+            )
 
     @property
     def other_versions(self) -> dict[str, tuple[str, str]]:
@@ -135,7 +153,7 @@ def survey_runs(
         handler = handlers.get(topic[topic.rindex("/") :], _add_hash)
         try:
             handler(runs, topic, message)
-        except (CodecError, KeyError, TypeError, ValueError):
+        except (CodecError, AttributeError, KeyError, TypeError, ValueError):
             continue  # a message of another program
     return [runs[run_id] for run_id in sorted(runs) if runs[run_id].config]
 
@@ -166,11 +184,15 @@ def _add_header(runs: dict[int, RunSurvey], topic: str, message: Any) -> None:
         return
     run = _run(runs, header.run_id)
     run.nodes.setdefault(header.machine_id, topic.removesuffix(_MACHINE_TICK))
+    if header.is_tick:
+        run.newest_tick = max(run.newest_tick, header.tick)
     if header.verb is Verb.LEAVE:
         run.last_ticks[SessionId(header.machine_id, header.session_id)] = header.tick
 
 
 def _add_hash(runs: dict[int, RunSurvey], topic: str, message: Any) -> None:
     state = from_state_hash_string(message)
-    hashes = _run(runs, state.run_id).hashes.setdefault(topic, {})
+    run = _run(runs, state.run_id)
+    run.newest_tick = max(run.newest_tick, state.tick)
+    hashes = run.hashes.setdefault(topic, {})
     hashes[state.tick] = state.sha256

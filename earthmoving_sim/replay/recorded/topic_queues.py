@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Mapping
 from typing import Any
 
+from earthmoving_sim.replay.errors import ReplayError
 from msg_bridge.bag.reader import BagReader
 
 __all__ = ["TopicQueues"]
@@ -17,13 +18,21 @@ class TopicQueues:
     Memory holds the messages by which topics lag behind one another in the bag.
     """
 
-    def __init__(self, reader: BagReader, topics: Iterable[str]) -> None:
+    def __init__(self, reader: BagReader, topics: Mapping[str, str]) -> None:
         """
         Args:
             reader: the bag.
-            topics: names of topics; those that the bag lacks have no messages.
+            topics: type of each topic by its name; those that the bag lacks have no messages.
+
+        Raises:
+            ReplayError: a topic has another type.
         """
-        known = [topic for topic in topics if topic in reader.topics]
+        known = []
+        for topic, type_name in topics.items():
+            info = reader.topics.get(topic)
+            if info is not None and info.type != type_name:
+                raise ReplayError(f"{reader.path} has {info.type} on {topic}, not {type_name}")
+            known += [] if info is None else [topic]
         self._reader = reader
         self._queues: dict[str, deque[tuple[int, bytes]]] = {topic: deque() for topic in known}
         self._messages = reader.raw_messages(known) if known else iter(())

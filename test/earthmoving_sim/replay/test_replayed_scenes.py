@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Int64MultiArray, String
 from support.node_scenes import Scene, dig, machine_file, ready_to_dig
 
 from earthmoving_sim.cli import main
@@ -136,6 +136,20 @@ def test_dig_in_lockstep_is_identical(
     assert "identical over" in capsys.readouterr().out
 
 
+def change_map_digest(message: Int64MultiArray) -> None:
+    message.data[message.layout.dim[0].label.split(",").index("map_updates.digest")] += 1
+
+
+def move_between_accounts(message: Int64MultiArray) -> None:
+    labels = message.layout.dim[0].label.split(",")
+    message.data[labels.index("terrain")] += 5
+    message.data[labels.index("in_flight")] -= 5
+
+
+def lose_volume(message: Int64MultiArray) -> None:
+    message.data[message.layout.dim[0].label.split(",").index("terrain")] += 5
+
+
 def test_first_difference_names_tick_and_what_differs(ros: Ros, tmp_path: Path) -> None:
     bag = record_dig(ros, tmp_path)
     copy_with_change(bag, tmp_path / "command", COMMANDS, 20, push_boom)
@@ -150,6 +164,14 @@ def test_first_difference_names_tick_and_what_differs(ros: Ros, tmp_path: Path) 
     assert difference is not None
     assert difference.where == "/excavator"
     assert "the state hash is 000000000000 recorded" in difference.text
+    copy_with_change(bag, tmp_path / "header", "/soil/tick", 20, change_map_digest)
+    assert "map_updates" in str(replay(tmp_path / "header")[0].difference)
+    copy_with_change(bag, tmp_path / "ledger", "/soil/ledger", 20, move_between_accounts)
+    assert "account terrain" in str(replay(tmp_path / "ledger")[0].difference)
+    copy_with_change(bag, tmp_path / "damaged", "/soil/ledger", 20, lose_volume)
+    (result,) = replay(tmp_path / "damaged")
+    assert result.num_missing_ledgers == 1, "it contradicts itself"
+    assert not result.is_identical
 
 
 def test_state_that_cannot_be_restored_exactly_is_not_saved(
