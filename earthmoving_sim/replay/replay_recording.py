@@ -19,6 +19,7 @@ from machine_sim.node.node_publishers import NodePublishers
 from machine_sim.node.run_config import run_config
 from msg_bridge.bag.writer import BagWriter
 from msg_bridge.codec import qos
+from msg_bridge.codec.cut_fill import CutFillState
 from msg_bridge.codec.row_chunks import chunk_to_cdr
 from msg_bridge.codec.stamps import stamp_from_tick
 from msg_bridge.codec.state_hash import StateHash
@@ -40,6 +41,7 @@ from msg_bridge.recorder.input_files import media_type
 from msg_bridge.recorder.recording import FORMAT_VERSION
 from soil_sim.endpoint import SoilTickResult
 from soil_sim.node.soil_publishers import SoilPublishers
+from soil_sim.slope_failure import surface_tilt
 
 __all__ = ["ReplayRecording"]
 
@@ -80,10 +82,15 @@ class ReplayRecording:
         self._soil, self._params = soil, soil.setup.node
         self._period = soil.setup.node.tick_period
         self._map_revision, self._next_map_tick = soil.soil.revision, 0
-        self._soil_publishers = SoilPublishers(self._node, design=soil.site.design is not None)
+        params = soil.setup.soil
+        tilt = surface_tilt(params, soil.site.grid) if params.surface_tilt_noise > 0.0 else None
+        self._soil_publishers = SoilPublishers(
+            self._node, design=soil.site.design is not None, tilt=tilt
+        )
         self._attach(soil.input_files)
         stamp = stamp_from_tick(0, self._period)
         self._soil_publishers.begin(self._terrain(), soil.config(), stamp)
+        self._publish_cut_fill(0)
 
     def start_machines(
         self, machines: ReplayedMachines, setup: MachineNodeSetup, first_session: int
@@ -157,10 +164,17 @@ class ReplayRecording:
             if soil.revision != self._map_revision:
                 self._map_revision = soil.revision
                 self._soil_publishers.terrain(self._terrain(), stamp)
+                self._publish_cut_fill(tick)
         if tick % self._interval(self._params.hash_rate) == 0:
             self._soil_publishers.state_hash(
                 StateHash(header.run_id, tick, stamp, soil.state_hash())
             )
+
+    def _publish_cut_fill(self, tick: int) -> None:
+        now = self._soil.cut_fill
+        if now is not None:
+            volumes = (now.cut, now.fill, now.remaining, now.within_tolerance)
+            self._soil_publishers.cut_fill(CutFillState(tick * self._period, *volumes))
 
     def _interval(self, rate: float) -> int:
         """Return the ticks between messages of a rate [Hz]."""

@@ -68,22 +68,21 @@ def read_figures(reader: BagReader, run_id: int, end: float) -> RunFigures:
         for name in reader.topics
         if name in (_CONVERSIONS, _MAP_UPDATES, _MAP) or name.endswith(_PAYLOAD)
     ]
+    present_run = None  # a payload does not name its run, and each run begins with a map
     for topic, _, message in reader.messages(wanted):
         with suppress(CodecError):  # a message of another program
             if topic == _MAP:
-                volumes.add_map(message)
+                present_run = volumes.add_map(message)
             elif topic.endswith(_PAYLOAD):
                 state = from_payload_array(message)
-                if state.time_s > end:
-                    continue
-                payloads[topic.removesuffix(_PAYLOAD)].append((state.time_s, state.bank_m3))
+                if present_run == run_id and state.time_s <= end:
+                    payloads[topic.removesuffix(_PAYLOAD)].append((state.time_s, state.bank_m3))
             elif seconds_from_stamp(message.header.stamp) <= end:
                 is_conversion = topic == _CONVERSIONS
                 stream = Stream.CONVERSION if is_conversion else Stream.MAP_UPDATE
                 volumes.add_rows(from_chunk_cloud(message, stream))
     figures = volumes.figures()
-    # Another run in the bag begins at an earlier time.
-    figures.cycles = {name: find_cycles(_last_run(each)) for name, each in payloads.items()}
+    figures.cycles = {name: find_cycles(each) for name, each in payloads.items()}
     return figures
 
 
@@ -121,12 +120,6 @@ def _duration(cycles: list[PayloadCycle]) -> float:
     return float(np.median([each.duration for each in cycles])) if cycles else 0.0
 
 
-def _last_run(samples: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Return the samples after the last one that is earlier than the one before."""
-    starts = [k for k in range(1, len(samples)) if samples[k][0] < samples[k - 1][0]]
-    return samples[starts[-1] :] if starts else samples
-
-
 class _Volumes:
     """Sums of rows, and the volume of each column at begin and end."""
 
@@ -138,12 +131,13 @@ class _Volumes:
         self._end: Any = None
         self._revisions: Any = None
 
-    def add_map(self, message: Any) -> None:
-        """Use the first map of the run."""
+    def add_map(self, message: Any) -> int:
+        """Use the map if it is the first of the run; return the number of its run."""
         keyframe = from_terrain_cloud(message).keyframe
         if self._start is None and keyframe.run_id == self._run_id:
             self._start, self._end = keyframe.volume_mm3, keyframe.volume_mm3.copy()
             self._revisions = np.full(self._start.shape, keyframe.revision, dtype=np.int64)
+        return keyframe.run_id
 
     def add_rows(self, chunk: RowChunk) -> None:
         """Add rows; repeated ones are ignored."""

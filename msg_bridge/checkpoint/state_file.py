@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import pickle
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -90,4 +91,9 @@ def load_state_file(path: Path, about: Mapping[str, Any]) -> Any:
                 f"{path} is the state of {name} {line.get(name)}, not of {name} {value}; give the"
                 " state of this run"
             )
-    return load_state(zstandard.decompress(content))
+    try:
+        return load_state(zstandard.decompress(content))
+    except (pickle.UnpicklingError, AttributeError, ImportError, TypeError) as error:
+        raise StateFileError(
+            f"{path} was saved by other code of the same version ({error}); save the state again"
+        ) from error

@@ -9,6 +9,7 @@ editing prose does not recompile anything.
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import importlib.util
 import os
@@ -27,6 +28,7 @@ from numba import types
 from numba.core.caching import (
     CompileResultCacheImpl,
     FunctionCache,
+    IndexDataCacheFile,
     InTreeCacheLocator,
     UserProvidedCacheLocator,
     UserWideCacheLocator,
@@ -35,7 +37,7 @@ from numba.core.runtime.nrt import rtsys
 
 from msg_bridge.kernels.compilation import kernel_state
 
-__all__ = ["CodeDigests", "cached"]
+__all__ = ["CodeDigests", "KernelFiles", "cached"]
 
 
 def cached(kernel: Any) -> Any:
@@ -226,6 +228,32 @@ class _UserWide(_DigestStamp, UserWideCacheLocator):
     """Locator of the user's cache folder, for an installation that is not writable."""
 
 
+class KernelFiles(IndexDataCacheFile):
+    """The files of one kernel: machine code by signature, and their index.
+
+    Numba numbers the files by what is in the index, which it writes before the machine code. Two
+    processes that compile a kernel for different signatures at the same time then take the same
+    number, and one runs the machine code of the other. Here a file is named by its signature and
+    the code of the kernel, is there before the index names it, and one process writes at a time.
+    """
+
+    def save(self, key: Any, data: Any) -> None:
+        """Save the machine code of a signature, and remove what no signature uses any more."""
+        folder = Path(self._cache_path)
+        digest = hashlib.sha256(self._dump((self._source_stamp, key))).hexdigest()[:16]  # type: ignore[no-untyped-call]
+        name = self._data_name_pattern.replace("{number:d}", digest)
+        with (folder / f"{self._index_name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # released when the file is closed
+            self._save_data(name, data)  # type: ignore[no-untyped-call]
+            overloads = self._load_index()  # type: ignore[no-untyped-call]
+            overloads[key] = name
+            self._save_index(overloads)  # type: ignore[no-untyped-call]
+            used = set(overloads.values())
+            for path in folder.glob(self._data_name_pattern.replace("{number:d}", "*")):
+                if path.name not in used:
+                    path.unlink(missing_ok=True)
+
+
 class _KernelCacheImpl(CompileResultCacheImpl):
     _locator_classes = [_UserProvided, _InTree, _UserWide]  # noqa: RUF012
 
@@ -235,6 +263,11 @@ class _KernelCache(FunctionCache):
 
     def __init__(self, py_func: Any) -> None:
         super().__init__(py_func)  # type: ignore[no-untyped-call]
+        self._cache_file = KernelFiles(  # type: ignore[no-untyped-call]
+            cache_path=self._cache_path,
+            filename_base=self._impl.filename_base,
+            source_stamp=self._impl.locator.get_source_stamp(),
+        )
         self.kernel_name = f"{py_func.__module__}.{py_func.__qualname__}"
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

@@ -74,10 +74,10 @@ class RecordedSoil:
                 found = from_multi_array(message)
             except CodecError:
                 continue
-            if (
-                isinstance(found, kind)
-                and found.run_id == self._run_id
-                and found.tick >= first_tick
-            ):
+            if not isinstance(found, kind) or found.run_id < self._run_id:
+                continue
+            if found.run_id > self._run_id:  # what follows is not kept in memory
+                return None
+            if found.tick >= first_tick:
                 return found
         return None

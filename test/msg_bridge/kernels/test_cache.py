@@ -4,11 +4,12 @@ import itertools
 import os
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
-from msg_bridge.kernels.cache import CodeDigests
+from msg_bridge.kernels.cache import CodeDigests, KernelFiles
 
 _PACKAGE_NUMBERS = itertools.count()
 
@@ -157,3 +158,38 @@ def test_change_of_the_order_of_fields_outside_of_the_kernels_imports_is_detecte
     swapped = SPAN.replace("    low: float\n    high: float\n", "    high: float\n    low: float\n")
     for source in (SPAN, swapped):
         assert run_script(tmp_path, source) == "3.0\n"
+
+
+def kernel_files(folder: Path, stamp: str = "code") -> KernelFiles:
+    return KernelFiles(str(folder), "module.kernel", stamp)
+
+
+def test_processes_that_save_signatures_at_the_same_time_do_not_mix_their_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = kernel_files(tmp_path), kernel_files(tmp_path)
+    monkeypatch.setattr(second, "_load_index", dict)  # as before the first has saved
+    other = threading.Thread(target=second.save, args=("float", "code for float"))
+    save_data = first._save_data
+
+    def save_data_after_the_other(name: str, data: str) -> None:
+        other.start()
+        other.join(0.5)  # it has saved, or waits for the first
+        save_data(name, data)
+
+    monkeypatch.setattr(first, "_save_data", save_data_after_the_other)
+    first.save("int", "code for int")
+    other.join()
+    reader = kernel_files(tmp_path)
+    assert reader.load("float") == "code for float"
+    assert reader.load("int") in (None, "code for int"), "not the code of another signature"
+
+
+def test_code_that_is_out_of_date_is_neither_loaded_nor_kept(tmp_path: Path) -> None:
+    for stamp in ("old code", "new code"):
+        files = kernel_files(tmp_path, stamp)
+        assert files.load("int") is None
+        files.save("int", stamp)
+        files.save("float", stamp)
+        assert [files.load(each) for each in ("int", "float")] == [stamp, stamp]
+    assert len(list(tmp_path.glob("*.nbc"))) == 2
