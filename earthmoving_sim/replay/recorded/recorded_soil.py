@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 from earthmoving_sim.replay.errors import ReplayError
+from earthmoving_sim.replay.recorded.run_survey import MAX_END_LAG
 from earthmoving_sim.replay.recorded.topic_queues import TopicQueues
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.tick_headers import from_multi_array
@@ -36,6 +38,7 @@ class RecordedSoil:
         self._queues, self._run_id = queues, run_id
         self.tick = -1
         self._ledger: Ledger | None = None  # read, and not before the present tick
+        self._headers: deque[SoilHeader] = deque()  # read ahead of the present tick
 
     def skip_through(self, tick: int) -> None:
         """Leave out the ticks up to one."""
@@ -45,13 +48,14 @@ class RecordedSoil:
         """Return the header of the next tick, and its ledger unless the bag lacks it.
 
         Returns:
-            None at the end of the run.
+            None at the end of the run. The last ticks without a ledger are not part of it, unless
+            they are more than a recorder that is stopped leaves.
 
         Raises:
             ReplayError: the bag lacks the header.
             BagReadError: the bag is damaged.
         """
-        header = self._next(SOIL_TICK_TOPIC, SoilHeader, self.tick + 1)
+        header = self._next_header()
         if header is None:
             return None
         if header.tick != self.tick + 1:
@@ -61,10 +65,26 @@ class RecordedSoil:
             )
         self.tick = header.tick
         while self._ledger is None or self._ledger.tick < header.tick:
+            is_first_without = self._ledger is not None
             self._ledger = self._next(LEDGER_TOPIC, Ledger, header.tick)
             if self._ledger is None:
-                return header, None
+                return None if is_first_without and self._is_near_end() else (header, None)
         return header, self._ledger if self._ledger.tick == header.tick else None
+
+    def _next_header(self) -> SoilHeader | None:
+        if self._headers:
+            return self._headers.popleft()
+        return self._next(SOIL_TICK_TOPIC, SoilHeader, self.tick + 1)
+
+    def _is_near_end(self) -> bool:
+        """Return whether fewer than `MAX_END_LAG` headers follow; they are kept."""
+        while len(self._headers) < MAX_END_LAG:
+            last = self._headers[-1].tick if self._headers else self.tick
+            header = self._next(SOIL_TICK_TOPIC, SoilHeader, last + 1)
+            if header is None:
+                return True
+            self._headers.append(header)
+        return False
 
     def _next(self, topic: str, kind: type[Any], first_tick: int) -> Any | None:
         """Return the next header or ledger of the run that is not of an earlier tick: those are

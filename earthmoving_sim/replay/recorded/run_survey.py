@@ -20,15 +20,18 @@ from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.contract import topics
 from msg_bridge.contract.messages import MachineHeader, Verb
 from msg_bridge.exchange.session_key import MAX_SESSION_ID
-from msg_bridge.exchange.stream_buffers import PIPELINE_DEPTH
 
-__all__ = ["NodeStart", "RunSurvey", "SessionId", "survey_runs"]
+__all__ = ["MAX_END_LAG", "NodeStart", "RunSurvey", "SessionId", "survey_runs"]
 
 _SIM_CONFIG = f"/{topics.SIM_CONFIG}"
 _SOIL_HASH = f"/{topics.SOIL_STATE_HASH}"
 _MACHINE_TICK = f"/{topics.MACHINE_TICK}"
 _MACHINE_CONFIG = f"/{topics.MACHINE_CONFIG}"
 _MACHINE_HASH = f"/{topics.MACHINE_STATE_HASH}"
+
+MAX_END_LAG = 10
+"""Maximum number of ticks by which the messages of one topic end before those of another: a recorder
+that is stopped has received some messages of the last ticks, and not others."""
 
 _PROGRESS_STEPS = 100
 """Number of calls to report the progress of reading a bag."""
@@ -104,7 +107,7 @@ class RunSurvey:
         Raises:
             ReplayError: headers of the soil are missing.
         """
-        if self.newest_tick > last_tick + PIPELINE_DEPTH + 1:
+        if self.newest_tick > last_tick + MAX_END_LAG:
             raise ReplayError(
                 f"the bag has messages of machines up to tick {self.newest_tick}, and no header of"
                 f" the soil after tick {last_tick}"

@@ -99,9 +99,10 @@ def record_dig(ros: Ros, folder: Path, **parameters: object) -> Path:
 
 
 def copy_with_change(
-    bag: Path, copy: Path, changed_topic: str, number: int, change: Callable[[Any], None]
+    bag: Path, copy: Path, changed_topic: str, number: int, change: Callable[[Any], None] | None
 ) -> None:
-    """Copy a bag with a change of one message of a topic, counted from 0."""
+    """Copy a bag with a change of one message of a topic, counted from 0; None: without it and all
+    later ones."""
     reader, writer = BagReader(bag), BagWriter(copy)
     for topic, info in reader.topics.items():
         writer.add_topic(topic, info.type)
@@ -109,7 +110,10 @@ def copy_with_change(
         writer.attach(name, "application/yaml", reader.read_attachment(name), 0)
     numbers = itertools.count()
     for topic, log_time, data in reader.raw_messages():
-        if topic == changed_topic and next(numbers) == number:
+        k = next(numbers) if topic == changed_topic else -1
+        if change is None and k >= number:
+            continue
+        if k == number and change is not None:
             message = reader.decode(topic, data)
             change(message)
             data = serialize_message(message)
@@ -172,6 +176,19 @@ def test_first_difference_names_tick_and_what_differs(ros: Ros, tmp_path: Path) 
     (result,) = replay(tmp_path / "damaged")
     assert result.num_missing_ledgers == 1, "it contradicts itself"
     assert not result.is_identical
+
+
+def test_recorder_that_was_stopped_within_a_tick(ros: Ros, tmp_path: Path) -> None:
+    bag = record_dig(ros, tmp_path)
+    num_ticks = BagReader(bag).topics["/soil/ledger"].count
+    (complete,) = replay(bag)
+    copy_with_change(bag, tmp_path / "cut", "/soil/ledger", num_ticks - 2, None)
+    (result,) = replay(tmp_path / "cut")
+    assert result.is_identical, str(result.difference) + result.ended_early
+    assert result.last_tick == complete.last_tick - 2
+    copy_with_change(bag, tmp_path / "lost", "/soil/ledger", num_ticks - 30, None)
+    (result,) = replay(tmp_path / "lost")
+    assert result.num_missing_ledgers == 30
 
 
 def test_state_that_cannot_be_restored_exactly_is_not_saved(
