@@ -30,7 +30,7 @@ _MACHINE_CONFIG = f"/{topics.MACHINE_CONFIG}"
 _MACHINE_HASH = f"/{topics.MACHINE_STATE_HASH}"
 
 MAX_END_LAG = 10
-"""Maximum number of ticks by which the messages of one topic end before those of another: a recorder
+"""Maximum number of ticks by which messages of one topic end before those of another: a recorder
 that is stopped has received some messages of the last ticks, and not others."""
 
 _PROGRESS_STEPS = 100
