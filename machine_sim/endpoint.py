@@ -32,6 +32,8 @@ class MachineEndpoint:
         self.exchange = exchange
         self._is_synchronized = False
         self.num_rejected_welcomes = 0
+        self._is_first_tick = False  # of its session
+        self._applied_answers: list[TickAnswer] = []  # since the last tick
 
     @property
     def tick(self) -> int:
@@ -47,6 +49,12 @@ class MachineEndpoint:
     def is_ready(self) -> bool:
         """Whether the next tick can be performed."""
         return self.exchange.join_state is JoinState.READY and self._is_synchronized
+
+    @property
+    def applied_messages(self) -> list[Message]:
+        """Messages of the soil that were applied since the last tick: a welcome, or an answer."""
+        messages = self.exchange.welcome_messages if self._is_first_tick else []
+        return [*messages, *(each for answer in self._applied_answers for each in answer.messages)]
 
     def join(self) -> None:
         """Request to join the run with the soil that the machines hold.
@@ -95,6 +103,8 @@ class MachineEndpoint:
         Raises:
             ExchangeError: the endpoint is not ready.
         """
+        self._is_first_tick = False
+        self._applied_answers.clear()
         output = self.sim.step()
         self.exchange.send(
             output.sweeps,
@@ -125,6 +135,7 @@ class MachineEndpoint:
             self.exchange.discard_answer()
             raise
         self.sim.apply(*rows, ticks_ago=ticks_ago)
+        self._applied_answers.append(answer)
         self.exchange.acknowledge_answer()
         return answer
 
@@ -139,4 +150,6 @@ class MachineEndpoint:
             self.exchange.discard_welcome()
             raise
         self.num_rejected_welcomes = 0
+        self._is_first_tick = True
+        self._applied_answers.clear()
         self._is_synchronized = True

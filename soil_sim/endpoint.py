@@ -7,7 +7,7 @@ once it is complete.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -123,15 +123,21 @@ class SoilEndpoint:
         """Return the messages to send to all machines, in order, and clear them."""
         return self.exchange.drain_outbox()
 
-    def advance(self, *, wait: bool = True) -> SoilTickResult | None:
+    def advance(
+        self, *, wait: bool = True, record: Callable[[list[Message]], None] | None = None
+    ) -> SoilTickResult | None:
         """Compute the next tick if it is complete, else return None.
 
         Args:
             wait: whether to wait for late machines; see `SoilExchange.poll`.
+            record: called with the messages of the tick before it is computed; see
+                `SoilExchange.polled_messages`.
         """
         tick = self.exchange.poll(wait=wait)
         if tick is None:
             return None
+        if record is not None:
+            record(self.exchange.polled_messages())
         accounts = self.exchange.accounts.joined_accounts  # of the machines in this tick
         if tick.tick == 0:
             no_rows = (empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(MAP_UPDATE))

@@ -46,14 +46,20 @@ class EmergencyStops:
     """Emergency stops of the machines of a node, with log and diagnostics."""
 
     def __init__(
-        self, node: Node, diagnostics: Diagnostics, instances: Sequence[MachineInstance]
+        self,
+        node: Node,
+        diagnostics: Diagnostics,
+        instances: Sequence[MachineInstance],
+        on_change: Callable[[], None],
     ) -> None:
         """
         Args:
             node: the machine node.
             diagnostics: its diagnostics.
             instances: its machines.
+            on_change: called after a stop was pressed or released.
         """
+        self._on_change = on_change
         self._node, self._diagnostics, self._instances = node, diagnostics, instances
         self._has_changed = False
         self._subscriptions = [
@@ -97,6 +103,7 @@ class EmergencyStops:
             self._diagnostics.problem(text, condition=_CONDITION)
         else:
             self._diagnostics.clear(_CONDITION)
+        self._on_change()
 
 
 class StopSubscriptions:

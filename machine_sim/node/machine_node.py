@@ -26,6 +26,8 @@ from machine_sim.node.machine_instance import (
     describe_machines,
     find_input_files,
 )
+from machine_sim.node.machine_journal import MachineJournal, MachineRunBegin, ResentTick
+from machine_sim.node.machine_recovery import continue_run
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.node.machine_transport import MachineTransport
 from machine_sim.node.machine_waits import SoilContact, find_machine_waits
@@ -39,7 +41,7 @@ from machine_sim.params import MachineSimParams
 from machine_sim.sensors import SensorParams
 from machine_sim.warm_up import warm_up
 from msg_bridge.codec import qos
-from msg_bridge.codec.run_config import parse_run_facts
+from msg_bridge.codec.run_config import RunFacts, parse_run_facts
 from msg_bridge.codec.stamps import stamp_from_tick
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError, ExchangeError
@@ -57,6 +59,8 @@ from msg_bridge.nodes.sim_node import SimNode
 from msg_bridge.nodes.subscriber_matching import unmatched_topics
 from msg_bridge.nodes.subscription_poller import SubscriptionPoller
 from msg_bridge.nodes.wait_log import Wait, WaitLog
+from msg_bridge.recovery.node_recovery import NodeRecovery
+from msg_bridge.recovery.params import RecoveryParams
 
 __all__ = ["MachineNode", "main"]
 
@@ -98,6 +102,7 @@ class MachineNode(SimNode):
         self._particles = declare_parameters(self, ParticleParams, "particles.")
         self._sensor_params = declare_parameters(self, SensorParams, "sensors.")
         self._commands = declare_parameters(self, CommandParams, "commands.")
+        recovery = declare_parameters(self, RecoveryParams, "recovery.")
         params_of_machines = {
             name: declare_parameters(self, MachineInstanceParams, f"{name}.")
             for name in self._params.machines
@@ -116,12 +121,15 @@ class MachineNode(SimNode):
             states = [each.topic_prefix + topics.JOINT_STATES for each in self.instances]
             remedy = "start each machine node in its own namespace, with its own machine_id"
             check_no_other_node(self, [topics.MACHINE_TICK, *states], deadline, remedy=remedy)
+        self._recovery = NodeRecovery.of_node(recovery, self)
+        self._resent_ticks: list[ResentTick] | None = None  # until subscribers are discovered
         self.run: MachineRun | None = None
         machine_types = ", ".join(instance.spec.name for instance in self.instances)
         simulation = parent_namespace(self.get_namespace())
         self.diagnostics = Diagnostics(
             self, "machine_sim", machine_types, simulation_namespace=simulation
         )
+        self._recovery.report_to(self.diagnostics)
         self._machine_diagnostics = MachineDiagnostics(
             self.diagnostics, self.instances, bins=tuple(self._bins)
         )
@@ -144,9 +152,9 @@ class MachineNode(SimNode):
         self._config_topic = resolve(topics.SIM_CONFIG, simulation)
         self._poller.subscribe(String, self._config_topic, qos.TRANSIENT_LOCAL, self._on_config)
         self._soil_contact = SoilContact()
-        self._poller.subscribe(
-            Bool, resolve(topics.SIM_PAUSED, simulation), qos.TRANSIENT_LOCAL, self._on_paused
-        )
+        take_paused = self._soil_contact.take_paused
+        paused_topic = resolve(topics.SIM_PAUSED, simulation)
+        self._poller.subscribe(Bool, paused_topic, qos.TRANSIENT_LOCAL, take_paused)
         self._command_poller = SubscriptionPoller(self, self._advance)
         for k, instance in enumerate(self.instances):
             CommandSubscriptions(
@@ -158,16 +166,19 @@ class MachineNode(SimNode):
             )
         # After the commands, so that the executor runs its callbacks after theirs: of what arrives
         # together, a command is dropped by a stop, and is older than its release.
-        self._emergency_stops = EmergencyStops(self, self.diagnostics, self.instances)
+        stops = self._record_stops
+        self._emergency_stops = EmergencyStops(self, self.diagnostics, self.instances, stops)
         self.create_timer(_PROGRESS_CHECK_PERIOD, self._check_progress)
         WaitLog(self, self.diagnostics, self._find_waits)
         EndpointMonitor(self, self.diagnostics)
+        self._continue_run()
 
     def stop(self) -> None:
         """Leave the run in one more tick, so that other nodes need not wait for a timeout."""
         self._leaving = True
         if self.run is not None and self.run.endpoint.is_ready:
             self._do_step(self.run)
+        self._recovery.end()
 
     @property
     def stopping(self) -> bool:
@@ -183,11 +194,18 @@ class MachineNode(SimNode):
         if run is not None:
             run.close()
             self.run = self._machine_diagnostics.run = None
+        recovery = getattr(self, "_recovery", None)
+        if recovery is not None:
+            recovery.close()
         super().destroy_node()
 
     def _command_scheduler(self, k: int) -> CommandScheduler | None:
         """Return the command scheduler of machine `k`; None while there is no run."""
         return None if self.run is None else self.run.schedulers[k]
+
+    def _record_stops(self) -> None:
+        if self.run is not None:
+            self.run.journal.record_stops(self.run.stops)
 
     # Joining a run.
 
@@ -200,9 +218,6 @@ class MachineNode(SimNode):
         is_contested = self.count_publishers(self._config_topic) > 1
         self._membership.announce(facts, self.run, is_contested=is_contested)
         self._try_new_run()
-
-    def _on_paused(self, msg: Bool) -> None:
-        self._soil_contact.paused = bool(msg.data)
 
     def _receive(self, message: Message) -> None:
         if self.run is None or message.run_id == self.run.facts.run_id:
@@ -227,7 +242,23 @@ class MachineNode(SimNode):
             return
         facts, keyframe = new_run
         session_id = random_session_id()
-        run = MachineRun(
+        run = self._make_run(facts, keyframe, session_id)
+        config = self._config(run, session_id)
+        run.journal.begin(MachineRunBegin(facts, keyframe, session_id, config), run.stops)
+        if self.run is not None:  # closed only now: if the new run is invalid, this one ends well
+            self.run.close()
+            for instance in self.instances:
+                instance.arbiter.reset()
+        self._resent_ticks = None
+        self._published_session_id = -1
+        self._enter_run(run, config)
+        machines = describe_machines(self._params.machine_id, self.instances)
+        self.get_logger().info(f"run {facts.run_id} started; joining as {machines}")
+        self._membership.join(run)
+
+    def _make_run(self, facts: RunFacts, keyframe: Keyframe, session_id: int) -> MachineRun:
+        """Return the machines on the initial terrain of a run; errors as of `MachineRun`."""
+        return MachineRun(
             self.instances,
             self._params,
             self._stepping,
@@ -236,18 +267,35 @@ class MachineNode(SimNode):
             keyframe,
             bins=[params.spec for params in self._bins.values()],
             session_id=session_id,
+            journal=MachineJournal(self._recovery.journal),
         )
-        if self.run is not None:  # closed only now: if the new run is invalid, this one ends well
-            self.run.close()
-            for instance in self.instances:
-                instance.arbiter.reset()
+
+    def _enter_run(self, run: MachineRun, config: str) -> None:
+        """Make a run the present one, and publish its configuration [YAML]."""
         self.run = run
-        self._machine_diagnostics.start_run(self.run)
-        self._published_session_id = -1
-        self._node_publishers.start_run(self._config(run, session_id), self._params.seed)
-        machines = describe_machines(self._params.machine_id, self.instances)
-        self.get_logger().info(f"run {facts.run_id} started; joining as {machines}")
-        self._membership.join(self.run)
+        self._machine_diagnostics.start_run(run)
+        self._node_publishers.start_run(config, self._params.seed)
+
+    def _continue_run(self) -> None:
+        """Continue the run of a process that did not end it, if there is one."""
+        ignored = {f"machine_sim.{name}" for name in _CHANGEABLE}
+        found = continue_run(self._recovery, self._make_run, self._config, ignored)
+        if found is None:
+            return
+        run, begin, self._resent_ticks = found
+        self._membership.resume(begin.facts, begin.keyframe)
+        self._published_session_id = run.endpoint.exchange.session_id
+        self._enter_run(run, begin.config)
+
+    def _resend_last_ticks(self, run: MachineRun) -> None:
+        """Publish the last ticks of a continued run again, once there are subscribers."""
+        if not (self._recovery.is_settling or self._membership.find_missing_subscribers()):
+            for each in self._resent_ticks or ():
+                stamp = self._stamp(run, each.tick)
+                self._node_publishers.publish_applied_commands(each.commands, stamp)
+                self._transport.send(each.messages, stamp)
+            self._resent_ticks = None
+            self._advance()
 
     def _find_waits(self) -> Iterable[Wait]:
         if self._leaving:
@@ -272,7 +320,7 @@ class MachineNode(SimNode):
             self._session_log.log_joined(run, is_first=self._published_session_id < 0)
             self._published_session_id = exchange.session_id
             self._node_publishers.publish_state(run, self._params)
-        if run.endpoint.is_ready:
+        if run.endpoint.is_ready and self._resent_ticks is None:
             self._command_poller.take_all()  # commands that have arrived by now apply
             self._emergency_stops.take_all()
             if run.can_step or self._leaving:
@@ -293,12 +341,13 @@ class MachineNode(SimNode):
         start = time.perf_counter()
         stamp = self._stamp(run, run.endpoint.next_tick)
         # Published before the step, without its computing time as delay.
-        commands = run.apply_commands(time.monotonic())
+        commands = run.apply_commands(time.monotonic(), leave=self._leaving)
         self._node_publishers.publish_applied_commands(commands, stamp)
         run.step(leave=self._leaving)
         self._send(run)
         self._node_publishers.publish_contacts(run)
         self._node_publishers.publish_state(run, self._params)
+        run.checkpoint_if_due()
         self._machine_diagnostics.record_tick(time.perf_counter() - start)
 
     def _send(self, run: MachineRun) -> None:
@@ -314,6 +363,8 @@ class MachineNode(SimNode):
             # For a controller that has just started.
             self._node_publishers.publish_state(run, self._params)
             self._node_publishers.publish_state_hash(run)
+        if self._resent_ticks is not None:
+            self._resend_last_ticks(run)
         self._membership.recover(run, time.monotonic())
         if self._membership.facts is not None and self._membership.facts.run_id != run.facts.run_id:
             self._try_new_run()

@@ -14,6 +14,7 @@ from machine_sim.dem import ParticleParams
 from machine_sim.endpoint import MachineEndpoint
 from machine_sim.node.command_scheduler import CommandScheduler
 from machine_sim.node.machine_instance import MachineInstance
+from machine_sim.node.machine_journal import MachineJournal, MachineRunState, StopRecord
 from machine_sim.node.params import MachineNodeParams
 from machine_sim.node.reported_motion import TickProgress
 from machine_sim.params import MachineSimParams
@@ -32,6 +33,7 @@ class MachineRun:
 
     Attributes:
         facts: parameters of the run, from the soil.
+        journal: where the inputs of the run are recorded.
         endpoint: the machines and their end of the exchange.
         schedulers: command scheduler of each machine, in the order given.
         terrain_revision: revision of the terrain on which the machines were placed.
@@ -50,6 +52,7 @@ class MachineRun:
         *,
         bins: Sequence[BinSpec] = (),
         session_id: int,
+        journal: MachineJournal | None = None,
     ) -> None:
         """
         Args:
@@ -60,12 +63,14 @@ class MachineRun:
             keyframe: initial terrain.
             bins: bins on the terrain.
             session_id: as for `MachineExchange`.
+            journal: where the inputs of the run are recorded.
 
         Raises:
             ParameterError: the tick period is not a multiple of the physics step.
             MachineError: a position off the map, or overlapping machines.
         """
         self.facts = facts
+        self.journal = journal or MachineJournal(None)
         self.progress = TickProgress(0, 0)
         self._last_interval = 1  # ticks of simulation time in which the last tick was made
         self._instances = tuple(instances)
@@ -83,11 +88,34 @@ class MachineRun:
             seed=params.seed,
         )
         exchange = MachineExchange(params.machine_id, run_id=facts.run_id, session_id=session_id)
-        self.endpoint = MachineEndpoint(sim, exchange)
+        self._has_discarded_soil = False  # since the last request to join
+        self._set_endpoint(MachineEndpoint(sim, exchange))
+
+    def _set_endpoint(self, endpoint: MachineEndpoint) -> None:
+        self.endpoint = endpoint
+        simulated_machines = endpoint.sim.simulated_machines
         self.schedulers = [
-            CommandScheduler(instance, simulated, self.endpoint, facts)
-            for instance, simulated in zip(instances, sim.simulated_machines, strict=True)
+            CommandScheduler(instance, simulated, endpoint, self.facts)
+            for instance, simulated in zip(self._instances, simulated_machines, strict=True)
         ]
+
+    def resume(self, state: MachineRunState) -> None:
+        """Continue from a state of the run, in the physics client of its bodies."""
+        self._set_endpoint(state.endpoint)
+        self.progress = state.progress
+        for instance, is_pressed in zip(self._instances, state.stops.pressed, strict=True):
+            instance.arbiter.emergency_stop(is_pressed)
+
+    @property
+    def state(self) -> MachineRunState:
+        """Present state of the run, without physics."""
+        client_id = self.sim.machine.client_id
+        return MachineRunState(self.endpoint, self.progress, self.stops, client_id)
+
+    @property
+    def stops(self) -> StopRecord:
+        """Emergency stops of the machines."""
+        return StopRecord(tuple(each.arbiter.is_stopped for each in self._instances))
 
     @property
     def sim(self) -> MachineSim:
@@ -115,13 +143,38 @@ class MachineRun:
         }
         return {name: stamp for name, stamp in stamps.items() if stamp is not None}
 
-    def apply_commands(self, wall: float) -> list[AppliedCommand]:
+    def join(self) -> None:
+        """Request to join the run with the soil that the machines hold.
+
+        Raises:
+            ExchangeError: the machines take part already.
+        """
+        self.journal.record_join(discards_soil=self._has_discarded_soil)
+        self._has_discarded_soil = False
+        self.endpoint.join()
+
+    def discard_soil(self) -> int:
+        """Remove all soil that the machines hold, to join without; return it [mm^3]."""
+        self._has_discarded_soil = True
+        return self.endpoint.discard_soil()
+
+    def apply_commands(self, wall: float, *, leave: bool = False) -> list[AppliedCommand]:
         """Apply to each machine the command that takes effect in the tick that begins now.
+
+        What the tick is computed from is in the journal when this returns.
 
         Args:
             wall: a monotonic wall clock [s].
+            leave: as for the `step` that follows.
         """
-        return [scheduler.apply_command(wall) for scheduler in self.schedulers]
+        commands = [scheduler.apply_command(wall) for scheduler in self.schedulers]
+        values = [(each.joints, each.tracks) for each in commands]
+        self.journal.record_tick(self.endpoint, values, leave=leave)
+        return commands
+
+    def checkpoint_if_due(self) -> None:
+        """Write a checkpoint, if it is time for one; call it when what was computed is sent."""
+        self.journal.checkpoint_if_due(lambda: self.state)
 
     def step(self, *, leave: bool = False) -> None:
         """Perform the next tick and send it.
@@ -131,8 +184,7 @@ class MachineRun:
         """
         self._last_interval = self.endpoint.next_tick - self.endpoint.tick
         self.endpoint.step(leave=leave)
-        made, passed = self.progress
-        self.progress = TickProgress(made + 1, passed + self._last_interval)
+        self.progress = self.progress.after_tick(self._last_interval)
 
     def is_due(self, tick: int, rate: float) -> bool:
         """Return whether a publication with a rate [Hz of simulated time] is due after a tick.

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 
+from std_msgs.msg import Bool
+
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.node.run_membership import RunMembership
 from msg_bridge.contract import topics
@@ -26,6 +28,10 @@ class SoilContact:
     def __init__(self) -> None:
         self.last_message_time = -float("inf")
         self.paused = False
+
+    def take_paused(self, msg: Bool) -> None:
+        """Take a message that states whether time stands still."""
+        self.paused = bool(msg.data)
 
     @property
     def is_silent(self) -> bool:

@@ -25,6 +25,10 @@ class TickProgress(NamedTuple):
     made: int
     passed: int
 
+    def after_tick(self, interval: int) -> TickProgress:
+        """Return the progress after one more tick, in which `interval` ticks have passed."""
+        return TickProgress(self.made + 1, self.passed + interval)
+
 
 class VelocityScale:
     """Fraction of the ticks that were made between two publications.

@@ -94,6 +94,15 @@ class RunMembership:
                 " node sends; end the other publisher"
             )
 
+    def resume(self, facts: RunFacts, keyframe: Keyframe) -> None:
+        """Take part in a run that a process before has joined.
+
+        Args:
+            facts: parameters of the run.
+            keyframe: terrain on which the machines were placed.
+        """
+        self.facts, self.keyframe = facts, keyframe
+
     def is_held(self, current: MachineRun | None, *, soil_is_silent: bool) -> bool:
         """Return whether the run that was announced must wait for the end of the present one.
 
@@ -144,12 +153,16 @@ class RunMembership:
         is_same = current is not None and current.facts.run_id == facts.run_id
         return None if is_held or is_same else (facts, keyframe)
 
+    def find_missing_subscribers(self) -> list[str]:
+        """Update and return `missing_subscribers`."""
+        self.missing_subscribers = self._find_missing_subscribers()
+        return self.missing_subscribers
+
     def join(self, run: MachineRun) -> None:
         """Request to join a run, once all required subscribers are there."""
-        self.missing_subscribers = self._find_missing_subscribers()
-        if self.missing_subscribers:
+        if self.find_missing_subscribers():
             return
-        run.endpoint.join()
+        run.join()
         self._send(run)
 
     def handle_not_joined(self, run: MachineRun) -> None:
@@ -167,7 +180,7 @@ class RunMembership:
     def _discard_soil(self, run: MachineRun) -> None:
         """Discard soil with which the machine cannot return: the terrain has it, or counts it as
         absent."""
-        volume = run.endpoint.discard_soil()
+        volume = run.discard_soil()
         self._diagnostics.count("times_soil_discarded")
         self._logger.error(
             f"the soil node does not count the {volume} mm3 of soil in the machine as the machine's"

@@ -8,6 +8,7 @@ from machine_sim.node.params import BinParams, MachineInstanceParams, MachineNod
 from machine_sim.params import MachineSimParams
 from machine_sim.sensors import SensorParams
 from msg_bridge.nodes.node_usage import NodeUsage
+from msg_bridge.recovery.params import RecoveryParams
 
 __all__ = ["USAGE"]
 
@@ -23,5 +24,6 @@ USAGE = NodeUsage(
         "particles.": ParticleParams,
         "sensors.": SensorParams,
         "commands.": CommandParams,
+        "recovery.": RecoveryParams,
     },
 )

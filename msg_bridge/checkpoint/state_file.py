@@ -13,8 +13,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import zstandard
-
 from msg_bridge.checkpoint.state_pickle import dump_state, load_state
 from msg_bridge.codec.run_config import versions
 from msg_bridge.contract.errors import EarthmovingError
@@ -40,7 +38,7 @@ def save_state_file(path: Path, state: Any, about: Mapping[str, Any]) -> None:
     Raises:
         StateFileError: the file cannot be written.
     """
-    content = zstandard.compress(dump_state(state))
+    content = dump_state(state)
     line = {
         "format": _FORMAT,
         "sha256": hashlib.sha256(content).hexdigest(),
@@ -92,7 +90,7 @@ def load_state_file(path: Path, about: Mapping[str, Any]) -> Any:
                 " state of this run"
             )
     try:
-        return load_state(zstandard.decompress(content))
+        return load_state(content)
     except (pickle.UnpicklingError, AttributeError, ImportError, TypeError) as error:
         raise StateFileError(
             f"{path} was saved by other code of the same version ({error}); save the state again"

@@ -15,12 +15,16 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
+import zstandard
 from numpy.typing import NDArray
 
-__all__ = ["dump_state", "load_state"]
+__all__ = ["CapturedState", "capture_state", "dump_state", "load_state"]
 
 _ALIGNMENT = 64
 """Alignment that a range of memory keeps [bytes]: that of the widest vectors."""
+
+_SIZE_BYTES = 8
+"""Length of the number that precedes the pickled objects [bytes]."""
 
 
 class _ArrayPlace(NamedTuple):
@@ -40,8 +44,29 @@ class _Range(NamedTuple):
     content: bytes
 
 
-def dump_state(state: Any) -> bytes:
-    """Return a graph of objects as bytes.
+class CapturedState(NamedTuple):
+    """A graph of objects as it was in one moment, for another thread to compress and write.
+
+    Attributes:
+        ranges: memory of the arrays.
+        stream: the pickled objects, with arrays as places in that memory.
+    """
+
+    ranges: list[_Range]
+    stream: bytes
+
+    def compress(self) -> bytes:
+        """Return it as bytes for `load_state`; other threads run meanwhile."""
+        sizes = [(each.address, len(each.content)) for each in self.ranges]
+        head = pickle.dumps((sizes, self.stream), protocol=pickle.HIGHEST_PROTOCOL)
+        compressor = zstandard.ZstdCompressor().compressobj()
+        parts = [len(head).to_bytes(_SIZE_BYTES, "little"), head]
+        parts += [each.content for each in self.ranges]
+        return b"".join([*map(compressor.compress, parts), compressor.flush()])
+
+
+def capture_state(state: Any) -> CapturedState:
+    """Return a copy of a graph of objects.
 
     Arrays of objects, and subclasses of arrays, are pickled as usual.
 
@@ -52,7 +77,12 @@ def dump_state(state: Any) -> bytes:
     pickler = _StatePickler(stream)
     pickler.dump(state)
     ranges = [_read_memory(*each) for each in _merge(pickler.ranges)]
-    return pickle.dumps((ranges, stream.getvalue()), protocol=pickle.HIGHEST_PROTOCOL)
+    return CapturedState(ranges, stream.getvalue())
+
+
+def dump_state(state: Any) -> bytes:
+    """Return a graph of objects as compressed bytes, see `capture_state`."""
+    return capture_state(state).compress()
 
 
 def load_state(data: bytes) -> Any:
@@ -61,10 +91,17 @@ def load_state(data: bytes) -> Any:
     Only load data that this program has written: pickle can run any code.
 
     Raises:
-        pickle.UnpicklingError, AttributeError, ImportError: it is of another version.
+        zstandard.ZstdError, EOFError, pickle.UnpicklingError: no such data.
+        AttributeError, ImportError, TypeError: it is of another version.
     """
-    ranges, content = pickle.loads(data)
-    return _StateUnpickler(content, ranges).load()
+    content = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    begin = _SIZE_BYTES + int.from_bytes(content[:_SIZE_BYTES], "little")
+    sizes, stream = pickle.loads(content[_SIZE_BYTES:begin])
+    ranges = []
+    for address, size in sizes:
+        ranges.append(_Range(address, content[begin : begin + size]))
+        begin += size
+    return _StateUnpickler(stream, ranges).load()
 
 
 class _StatePickler(pickle.Pickler):

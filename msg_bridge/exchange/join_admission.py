@@ -45,6 +45,11 @@ class JoinAdmission:
         return frozenset(self._waiting)
 
     @property
+    def requests(self) -> tuple[MachineHeader, ...]:
+        """The requests that wait for the end of the tick, ascending by machine id."""
+        return tuple(header for _, header in sorted(self._waiting.items()))
+
+    @property
     def rejoining(self) -> frozenset[int]:
         """Waiting machines that request to rejoin with their soil."""
         return frozenset(n for n, each in self._waiting.items() if each.verb is Verb.REJOIN)
@@ -109,18 +114,18 @@ class JoinAdmission:
             (requests of the admitted machines, rejections), each ordered by machine id.
         """
         admitted, rejected = [], []
-        for machine_id, header in sorted(self._waiting.items()):
+        for header in self.requests:
             try:
                 if header.verb is Verb.REJOIN:
                     accounts.rejoin(header, published)
                 else:
-                    accounts.join(machine_id, published)
+                    accounts.join(header.machine_id, published)
             except ExchangeError as error:
                 rejection = self._rejection(header, error.coded_message)
-                self._rejections[machine_id] = rejection
+                self._rejections[header.machine_id] = rejection
                 rejected.append(rejection)
                 continue
-            self._rejections.pop(machine_id, None)
+            self._rejections.pop(header.machine_id, None)
             admitted.append(header)
         self._waiting.clear()
         return admitted, rejected

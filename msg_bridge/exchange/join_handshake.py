@@ -6,12 +6,15 @@ from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import (
     Keyframe,
     MachineReceipt,
+    Message,
+    RowChunk,
     RowRange,
     SoilHeader,
     Stream,
 )
 from msg_bridge.contract.rows import Rows
 from msg_bridge.exchange.row_digest import check_row_digest
+from msg_bridge.exchange.session_key import SessionKey
 from msg_bridge.exchange.stream_buffers import ReceiveBuffer
 
 __all__ = ["JoinHandshake"]
@@ -73,6 +76,19 @@ class JoinHandshake:
         if self.keyframe is None or self.keyframe.revision < self.welcome.revision:
             missing.append((Stream.KEYFRAME, RowRange(0, 1)))
         return missing
+
+    def messages(self, key: SessionKey) -> list[Message]:
+        """Return the messages of a handshake that is complete."""
+        assert self.welcome is not None
+        assert self.keyframe is not None
+        backlog = RowChunk(
+            self.welcome.run_id,
+            Stream.BACKLOG,
+            key.machine_id,
+            key.session_id,
+            self._backlog.rows(self._backlog_range),
+        )
+        return [self.welcome, backlog, self.keyframe]
 
     def backlog_rows(self) -> Rows:
         """Return the backlog, in order.

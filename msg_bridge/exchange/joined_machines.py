@@ -70,6 +70,11 @@ class JoinedMachines:
         """Ranges of the soil's rows that each machine has acknowledged, by stream."""
         return [session.acknowledged for session in self]
 
+    def discard_unprocessed(self) -> None:
+        """Discard the rows and headers of all machines that are not processed yet."""
+        for session in self:
+            session.discard_unprocessed()
+
     def session(self, machine_id: int, session_id: int) -> MachineSession | None:
         """Return a session; None if the machine takes no part or is in another session."""
         session = self._sessions.get(machine_id)

@@ -48,6 +48,7 @@ class MachineExchange:
         join_state: state of the exchange.
         tick: the last tick answered by the soil, once joined.
         sent_tick: the last tick sent; before the first, the tick of the welcome.
+        last_sent: the last tick, or request to join, that was sent; None before the first.
         keyframe: the terrain at the welcome.
         backlog: CONVERSION rows published while it took no part, to apply before the first tick.
         rejection_reason: why the soil rejected the latest join; empty if it did not.
@@ -59,8 +60,7 @@ class MachineExchange:
         Args:
             machine_id: number of the machine, from 1.
             run_id: number of the run in which to take part.
-            session_id: a number below 2**32; sessions count from the next one on, each with another
-                id: a process that may be restarted takes `random_session_id`.
+            session_id: number from which sessions count; of a node `random_session_id`.
 
         Raises:
             ExchangeError: ID_RANGE.
@@ -71,12 +71,17 @@ class MachineExchange:
         self.join_state = JoinState.OUT
         self.tick = self.sent_tick = -1
         self._applied: int | None = None  # last conversion row applied; None before any welcome
-        self._sent: MachineHeader | None = None
+        self.last_sent: MachineHeader | None = None
         self._leave_confirmation: SoilHeader | None = None  # the first header without this machine
         self._outbox: list[Message] = []
         self.keyframe: Keyframe | None = None
         self.backlog: Rows = empty_rows(CONVERSION)
         self._begin_session()
+
+    @property
+    def welcome_messages(self) -> list[Message]:
+        """The messages with which the present session began: header, backlog and terrain."""
+        return self._handshake.messages(self._key)
 
     @property
     def joined(self) -> bool:
@@ -105,10 +110,7 @@ class MachineExchange:
 
     @property
     def is_desynchronized(self) -> bool:
-        """Whether soil and machine count the rows of the session differently.
-
-        Then each rejects what the other sends: one has processed another publisher's message.
-        """
+        """Whether soil and machine count rows differently: each rejects what the other sends."""
         return self._in_flight.is_desynchronized
 
     @property
@@ -140,7 +142,7 @@ class MachineExchange:
             )
         self.session_id = self.session_id % MAX_SESSION_ID + 1
         self._begin_session()
-        self._sent = MachineHeader(
+        self.last_sent = MachineHeader(
             *self._key,
             self.tick,
             Verb.JOIN if self._applied is None else Verb.REJOIN,
@@ -149,7 +151,7 @@ class MachineExchange:
             particles_mm3=particles_mm3,
         )
         self.join_state = JoinState.JOINING
-        self._outbox.append(self._sent)
+        self._outbox.append(self.last_sent)
 
     def send(
         self,
@@ -175,13 +177,13 @@ class MachineExchange:
         """
         if self.join_state is not JoinState.READY:
             raise ExchangeError(
-                f"machine {self.machine_id} is {self.join_state.value}; it can send a tick when it"
-                f" has joined and all but the last {PIPELINE_DEPTH} are answered",
+                f"machine {self.machine_id} is {self.join_state.value}; it can send when it has"
+                f" joined and all ticks but the last {PIPELINE_DEPTH} are answered",
                 ErrorCode.JOIN_STATE,
             )
         assert self._applied is not None
         sent_rows = self._streams.append_tick(sweeps, deposit_requests)
-        self._sent = MachineHeader(
+        self.last_sent = MachineHeader(
             *self._key,
             self.next_tick,
             Verb.LEAVE if leave else Verb.STEP,
@@ -193,14 +195,14 @@ class MachineExchange:
             self.sent_tick,
             self.tick,
         )
-        self.sent_tick = self._sent.tick
-        self._in_flight.add(self._sent)
+        self.sent_tick = self.last_sent.tick
+        self._in_flight.add(self.last_sent)
         if leave:
             self.join_state = JoinState.LEAVING
         elif len(self._in_flight) > PIPELINE_DEPTH:
             self.join_state = JoinState.WAITING
         # The header comes last: over a transport that keeps the order its rows are there before it.
-        self._outbox += [*sent_rows.chunks, self._sent]
+        self._outbox += [*sent_rows.chunks, self.last_sent]
 
     def receive(self, message: Message) -> None:
         """Process one message of the soil; those of other runs and sessions are ignored.
@@ -243,7 +245,7 @@ class MachineExchange:
                 discarded, and `request_missing` requests it again.
         """
         if self.join_state is JoinState.LEAVING and self._leave_confirmation is not None:
-            return TickAnswer.without_rows(self._leave_confirmation.tick)
+            return TickAnswer.without_rows(self._leave_confirmation)
         if self.join_state is not JoinState.WAITING:
             return None
         completed = self._in_flight.oldest_completed()
@@ -252,6 +254,10 @@ class MachineExchange:
         self._in_flight.check_row_digests(completed)
         assert self.keyframe is not None
         return TickAnswer.for_machine(completed, self.machine_id, self.keyframe.revision)
+
+    def discard_unprocessed(self) -> None:
+        """Discard what the soil has sent of later ticks; it is requested again."""
+        self._in_flight.discard_received()
 
     def acknowledge_answer(self) -> None:
         """Acknowledge the answer that `poll` returns, after it was applied: if that failed, an
@@ -281,16 +287,14 @@ class MachineExchange:
         self._in_flight.discard_answer()
 
     def discard_welcome(self) -> None:
-        """Discard the terrain and the backlog of the join, because they are invalid, and request
-        them again.
+        """Discard terrain and backlog, because they are invalid; request them again.
 
         Raises:
             ExchangeError: JOIN_STATE: it has not just joined.
         """
         if self.join_state is not JoinState.READY or self.sent_tick != self.tick:
             raise ExchangeError(
-                f"machine {self.machine_id} is {self.join_state.value} and has sent ticks; its"
-                " terrain and backlog are in use",
+                f"machine {self.machine_id} is {self.join_state.value}; its terrain is in use",
                 ErrorCode.JOIN_STATE,
             )
         self._handshake.discard_content()
@@ -315,18 +319,14 @@ class MachineExchange:
         self._applied = None
 
     def request_missing(self) -> None:
-        """Request again what has not arrived.
-
-        A machine that is slow requests the latest header: this shows that it is alive, and that
-        header shows whether the soil has dropped it.
-        """
-        if self._sent is None or self.join_state is JoinState.OUT:
+        """Request again what has not arrived; a slow machine, the latest header: it shows whether
+        the soil has dropped the machine, and the request that the machine is alive."""
+        if self.last_sent is None or self.join_state is JoinState.OUT:
             return
         is_joining = self.join_state is JoinState.JOINING
         unanswered = self._in_flight.unanswered_headers()
         if is_joining and self._handshake.welcome is None:
-            unanswered = [self._sent]
-        # Either the soil lacks a part of the tick and requests it, or its header was lost.
+            unanswered = [self.last_sent]
         self._outbox += unanswered
         if unanswered or self.join_state is JoinState.READY:
             tick = unanswered[0].tick if unanswered else self.sent_tick
@@ -370,7 +370,7 @@ class MachineExchange:
         self.dropped = False
 
     def _receive_header(self, header: SoilHeader) -> None:
-        assert self._sent is not None
+        assert self.last_sent is not None
         receipt = self._key.receipt(header)
         if self.join_state is JoinState.JOINING:
             if receipt is not None and self._handshake.welcome is None:
@@ -378,7 +378,7 @@ class MachineExchange:
                 self._in_flight.begin(header)
                 self._begin_ticks()
         elif self.join_state is JoinState.LEAVING:
-            if receipt is None and header.tick >= self._sent.tick:
+            if receipt is None and header.tick >= self.last_sent.tick:
                 self._leave_confirmation = header
         elif header.tick > self.tick:
             if receipt is None:

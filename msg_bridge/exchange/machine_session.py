@@ -8,6 +8,7 @@ from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import (
     MachineHeader,
     MachineReceipt,
+    Message,
     RetransmitRequest,
     RowChunk,
     RowRange,
@@ -201,6 +202,27 @@ class MachineSession:
         check_row_digest(sweeps, header.sweeps, Stream.SWEEP)
         check_row_digest(deposit_requests, header.deposit_requests, Stream.DEPOSIT_REQUEST)
         return sweeps, deposit_requests
+
+    def tick_messages(self) -> list[Message]:
+        """Return the messages of a complete tick: its rows, then its header."""
+        header = self.header
+        assert header is not None
+        spans = {
+            Stream.SWEEP: header.sweeps,
+            Stream.DEPOSIT_REQUEST: header.deposit_requests,
+        }
+        chunks: list[Message] = [
+            RowChunk(
+                header.run_id,
+                stream,
+                self.machine_id,
+                self.session_id,
+                self._receive_buffers[stream].rows(span),
+            )
+            for stream, span in spans.items()
+            if span.count
+        ]
+        return [*chunks, header]
 
     def complete_tick(self) -> MachineHeader:
         """Discard the rows and the header of a tick that was processed; return the header."""

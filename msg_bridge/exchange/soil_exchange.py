@@ -26,7 +26,6 @@ from msg_bridge.contract.messages import (
     Message,
     RetransmitRequest,
     RowChunk,
-    RowRange,
     SoilHeader,
     Stream,
     Verb,
@@ -123,11 +122,8 @@ class SoilExchange:
 
     @property
     def contending_requests(self) -> dict[int, int]:
-        """Number of requests of other sessions to join as a joined machine, by machine id.
-
-        They are counted from the begin of its present session. Another session joins when it
-        repeats the request after the present one has ended.
-        """
+        """Number of requests of other sessions to join as a machine during its present session, by
+        machine id; see `JoinAdmission`."""
         return self._admission.contending_requests
 
     @property
@@ -199,6 +195,23 @@ class SoilExchange:
             join_rows([requests for _, requests in parts], DEPOSIT_REQUEST),
         )
 
+    def polled_messages(self) -> list[Message]:
+        """Return the messages with which an exchange in this state polls the same tick: requests
+        to join, and rows and headers. Call it after `poll` and before `answer`."""
+        messages: list[Message] = list(self._admission.requests)
+        for machine_id in self._machines_in_tick:
+            messages += self._machines[machine_id].tick_messages()
+        return messages
+
+    def discard_unprocessed(self) -> None:
+        """Discard what the machines have sent of later ticks; it is requested again."""
+        self._machines.discard_unprocessed()
+
+    @property
+    def last_header(self) -> SoilHeader | None:
+        """Header of the last tick answered; None before the welcome."""
+        return self._streams.last_header
+
     def answer(
         self, conversions: Rows, forces: Rows, map_updates: Rows, *, revision: int, terrain_mm3: int
     ) -> Ledger:
@@ -213,8 +226,8 @@ class SoilExchange:
             The ledger of the tick.
 
         Raises:
-            ExchangeError: NOT_JOINED: conversions of a machine that takes no part; RELEASE: soil
-                that was released is not deposited in full. Nothing was changed.
+            ExchangeError: NOT_JOINED: a row of a machine that takes no part; RELEASE: released soil
+                is not deposited in full. Nothing was changed.
         """
         self.accounts.check(conversions)
         self.tick += 1
@@ -381,10 +394,7 @@ class SoilExchange:
             self._outbox += self._streams.retransmit(request)
         elif session is None:
             return
-        elif request.stream is Stream.KEYFRAME:
-            self._outbox.append(self._welcome.keyframe(last_header))
-        elif request.stream is Stream.BACKLOG:
-            wanted = RowRange(request.first, request.count)
-            self._outbox += self._welcome.backlog(self.run_id, session, wanted)
+        elif request.stream in (Stream.KEYFRAME, Stream.BACKLOG):
+            self._outbox += self._welcome.retransmit(request, session, last_header)
         else:
             self._outbox += self._streams.retransmit(request)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from msg_bridge.contract.map_updates import map_updates_after
-from msg_bridge.contract.messages import Stream
+from msg_bridge.contract.messages import Message, RowChunk, SoilHeader, Stream
 from msg_bridge.contract.rows import (
     CONVERSION,
     FORCE,
@@ -27,17 +28,32 @@ class TickAnswer(NamedTuple):
         conversions: CONVERSION rows of this machine, in order.
         forces: FORCE rows of this machine.
         map_updates: MAP_UPDATE rows newer than the keyframe.
+        header: the soil's header.
+        all_rows: the rows of all machines, by stream.
     """
 
     tick: int
     conversions: Rows
     forces: Rows
     map_updates: Rows
+    header: SoilHeader
+    all_rows: Mapping[Stream, Rows]
 
     @classmethod
-    def without_rows(cls, tick: int) -> TickAnswer:
+    def without_rows(cls, header: SoilHeader) -> TickAnswer:
         """Return the answer to the last tick of a session, after which no rows are received."""
-        return cls(tick, empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(MAP_UPDATE))
+        no_rows = empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(MAP_UPDATE)
+        return cls(header.tick, *no_rows, header, {})
+
+    @property
+    def messages(self) -> list[Message]:
+        """The messages that it consists of: rows, then the header."""
+        rows: list[Message] = [
+            RowChunk(self.header.run_id, stream, 0, 0, each)
+            for stream, each in self.all_rows.items()
+            if each.size
+        ]
+        return [*rows, self.header]
 
     @classmethod
     def for_machine(
@@ -56,4 +72,6 @@ class TickAnswer(NamedTuple):
             rows_of_machine(rows[Stream.CONVERSION], machine_id),
             rows_of_machine(rows[Stream.FORCE], machine_id),
             map_updates_after(keyframe_revision, rows[Stream.MAP_UPDATE]),
+            completed.header,
+            rows,
         )

@@ -190,6 +190,14 @@ class TicksInFlight:
         for buffer in self._receive_buffers.values():
             buffer.clear()
 
+    def discard_received(self) -> None:
+        """Discard all answers and rows that are not processed yet."""
+        for tick in self._ticks:
+            tick.answer = None
+        self._completed = None
+        for buffer in self._receive_buffers.values():
+            buffer.clear()
+
     def gaps(self) -> list[tuple[Stream, RowRange]]:
         """Return the ranges of rows that the newest answer counts and that have not arrived."""
         newest = max(

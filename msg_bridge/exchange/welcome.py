@@ -8,7 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
-from msg_bridge.contract.messages import Keyframe, Message, RowChunk, RowRange, SoilHeader, Stream
+from msg_bridge.contract.messages import (
+    Keyframe,
+    Message,
+    RetransmitRequest,
+    RowChunk,
+    RowRange,
+    SoilHeader,
+    Stream,
+)
 from msg_bridge.exchange.chunks import split_into_chunks
 from msg_bridge.exchange.machine_session import MachineSession
 
@@ -46,18 +54,33 @@ class Welcome:
         """
         messages: list[Message] = []
         for session in sessions:
-            messages = messages or [self.keyframe(header)]
+            messages = messages or [self._keyframe(header)]
             wanted = RowRange(1, session.num_backlog_rows)
-            messages += self.backlog(header.run_id, session, wanted)
+            messages += self._backlog(header.run_id, session, wanted)
         return messages
 
-    def keyframe(self, header: SoilHeader) -> Keyframe:
+    def retransmit(
+        self, request: RetransmitRequest, session: MachineSession, header: SoilHeader
+    ) -> list[Message]:
+        """Return what a machine requests: the terrain, or rows of its backlog.
+
+        Args:
+            request: the request, for KEYFRAME or BACKLOG.
+            session: session of the machine.
+            header: the latest header of the soil.
+        """
+        if request.stream is Stream.KEYFRAME:
+            return [self._keyframe(header)]
+        wanted = RowRange(request.first, request.count)
+        return [*self._backlog(request.run_id, session, wanted)]
+
+    def _keyframe(self, header: SoilHeader) -> Keyframe:
         """Return a copy of the present terrain, that of the latest header."""
         layers = () if self._layers is None else self._layers()
         elevation = self._elevation().copy()
         return Keyframe(header.run_id, header.revision, self._grid, elevation, *layers)
 
-    def backlog(self, run_id: int, session: MachineSession, wanted: RowRange) -> list[RowChunk]:
+    def _backlog(self, run_id: int, session: MachineSession, wanted: RowRange) -> list[RowChunk]:
         """Return backlog rows of a session that are still kept."""
         return split_into_chunks(
             run_id,

@@ -112,7 +112,7 @@ class SoilServices:
     def _release(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         run = self._node.run
         dropped = run.drop_silent_machines(time.monotonic(), self._node.last_message_times())
-        released = run.endpoint.release_absent_soil()
+        released = run.release_absent_soil()
         self._node.membership_log.release()
         effects = []
         if dropped:

@@ -31,6 +31,11 @@ from msg_bridge.nodes.sim_node import SimNode
 from msg_bridge.nodes.subscriber_matching import unmatched_topics
 from msg_bridge.nodes.subscription_poller import SubscriptionPoller
 from msg_bridge.nodes.wait_log import Wait, WaitLog
+from msg_bridge.recovery.config_comparison import find_config_difference
+from msg_bridge.recovery.errors import RecoveryError
+from msg_bridge.recovery.node_recovery import NodeRecovery
+from msg_bridge.recovery.params import RecoveryParams
+from msg_bridge.recovery.run_journal import SavedRun
 from soil_sim.endpoint import SoilTickResult
 from soil_sim.node.imbalance_report import EXIT_IMBALANCE, ImbalanceReport
 from soil_sim.node.membership_log import MembershipLog
@@ -38,6 +43,7 @@ from soil_sim.node.params import SoilNodeParams
 from soil_sim.node.run_config import find_input_files, run_config
 from soil_sim.node.services import SoilServices
 from soil_sim.node.soil_diagnostics import SoilDiagnostics
+from soil_sim.node.soil_journal import ResentTick, SoilJournal, restore
 from soil_sim.node.soil_publishers import SoilPublishers
 from soil_sim.node.soil_run import SoilRun
 from soil_sim.node.soil_transport import SoilTransport
@@ -88,6 +94,7 @@ class SoilNode(SimNode):
         self._params = declare_parameters(self, SoilNodeParams, changeable=_CHANGEABLE)
         self._site_params = declare_parameters(self, SiteParams, "site.")
         self._soil_params = declare_parameters(self, SoilParams, "soil.")
+        recovery = declare_parameters(self, RecoveryParams, "recovery.")
         self._site = make_site(self._site_params)
         with log_compilation(self.get_logger().info):
             warm_up(self._soil_params)  # compilation in a tick would make it late
@@ -95,11 +102,16 @@ class SoilNode(SimNode):
         if discovery_time > 0.0:
             remedy = "give each soil node its own namespace or ROS_DOMAIN_ID"
             check_no_other_node(self, [topics.SOIL_TICK], deadline, remedy=remedy)
-        # Unix time: a restarted soil node begins a run with a higher id.
-        self.run = SoilRun(self._site, self._soil_params, self._params, run_id=int(time.time()))
         self._input_files = find_input_files(self._site_params, self._soil_params)
-        self.run.waiting_for_subscribers = bool(self._params.required_subscribers)
+        self._recovery = NodeRecovery.of_node(recovery, self)
+        self._resent_ticks: list[ResentTick] = []
+        saved = self._recovery.saved_run()
+        self._is_continued = False
+        self.run = self._make_run() if saved is None else self._continued_run(saved)
+        required = bool(self._params.required_subscribers)
+        self.run.waiting_for_subscribers = required or self._is_continued
         self.diagnostics = Diagnostics(self, "soil_sim", simulation_namespace=self.get_namespace())
+        self._recovery.report_to(self.diagnostics)
         self._soil_diagnostics = SoilDiagnostics(self, self.diagnostics, self.run, self._params)
         noisy = self._soil_params.surface_tilt_noise > 0.0
         self._soil_publishers = SoilPublishers(
@@ -123,7 +135,7 @@ class SoilNode(SimNode):
         )
         self._next_map_tick = self._map_revision = 0
         self._last_tick_time = time.monotonic()
-        self.publish_run_start()
+        self.publish_run_start(is_continued=self._is_continued)
         if self._params.sync == "realtime":
             self._timer = self.create_timer(self._params.tick_period, self._on_timer)
         self.create_timer(_RETRANSMIT_PERIOD, self._check_progress)
@@ -131,6 +143,54 @@ class SoilNode(SimNode):
         self._soil_services = SoilServices(self)
         WaitLog(self, self.diagnostics, self._find_waits)
         EndpointMonitor(self, self.diagnostics)
+
+    def _make_run(self, run_id: int | None = None) -> SoilRun:
+        """Return a run on the initial terrain.
+
+        Args:
+            run_id: its number; None: Unix time, so that a later run has a higher one.
+        """
+        return SoilRun(
+            self._site,
+            self._soil_params,
+            self._params,
+            run_id=int(time.time()) if run_id is None else run_id,
+            journal=SoilJournal(self._recovery.journal),
+        )
+
+    def _continued_run(self, saved: SavedRun) -> SoilRun:
+        """Return a saved run as it was when its process ended, or a new one if that fails."""
+        run = self._make_run(saved.begin.run_id)
+        ignored = {f"soil_sim.{name}" for name in _CHANGEABLE}
+        difference = find_config_difference(saved.begin.config, self._config(run), ignored=ignored)
+        try:
+            if difference:
+                raise RecoveryError(f"it has other parameters: {difference}")
+            restored = restore(saved, run.endpoint, run.time_control)
+        except RecoveryError as error:
+            self._recovery.reject(str(error))
+            return self._make_run(max(int(time.time()), saved.begin.run_id + 1))
+        run.resume(restored)
+        self._is_continued = True
+        self._resent_ticks = restored.last_ticks
+        self._recovery.resume(saved, f"run {saved.begin.run_id} at tick {run.tick}")
+        return run
+
+    def _config(self, run: SoilRun) -> str:
+        """Return the configuration of a run [YAML]."""
+        params = self._params, self._site_params, self._soil_params
+        return run_config(run.endpoint, self._site, *params, self._input_files)
+
+    def stop(self) -> None:
+        """End the run: a node that is started later does not continue it."""
+        self._recovery.end()
+
+    def destroy_node(self) -> None:
+        """Destroy the node and close its journal."""
+        recovery = getattr(self, "_recovery", None)  # missing if a parameter was invalid
+        if recovery is not None:
+            recovery.close()
+        super().destroy_node()
 
     @property
     def site(self) -> Site:
@@ -202,6 +262,7 @@ class SoilNode(SimNode):
             self.diagnostics.reject(topics.SOIL_TOOL_SWEEPS, reason)
         self._imbalance_report.check(done.ledger)
         self._soil_services.on_tick(tick)
+        self.run.checkpoint_if_due()
 
     @property
     def _map_rate(self) -> float:
@@ -222,8 +283,12 @@ class SoilNode(SimNode):
 
     # Published topics.
 
-    def publish_run_start(self) -> None:
-        """Publish configuration and terrain of a new run."""
+    def publish_run_start(self, *, is_continued: bool = False) -> None:
+        """Publish configuration and terrain of a run.
+
+        Args:
+            is_continued: whether another process has begun it; else its journal begins.
+        """
         self._next_map_tick = self._map_revision = 0
         self._last_tick_time = time.monotonic()
         self._soil_diagnostics.start_run()
@@ -234,14 +299,9 @@ class SoilNode(SimNode):
             f"run {self.run.endpoint.exchange.run_id} started: terrain of {grid.rows} x {grid.cols}"
             f" columns of {grid.cell:g} m, {self._params.sync}"
         )
-        config = run_config(
-            self.run.endpoint,
-            self._site,
-            self._params,
-            self._site_params,
-            self._soil_params,
-            self._input_files,
-        )
+        config = self._config(self.run)
+        if not is_continued:
+            self.run.journal.begin(self.run.endpoint.exchange.run_id, config)
         self._soil_publishers.begin(self._terrain(), config, self._stamp())
         self._publish_cut_fill()
         self.publish_paused()
@@ -290,7 +350,9 @@ class SoilNode(SimNode):
         if self.run.waiting_for_subscribers:
             missing = unmatched_topics(self, self._params.required_subscribers)
             self._missing_subscribers = missing
-            self.run.waiting_for_subscribers = bool(missing)
+            self.run.waiting_for_subscribers = bool(missing) or self._recovery.is_settling
+            if not self.run.waiting_for_subscribers:
+                self._resend_last_ticks()
         elif self.run.tick >= 0 and now - self._last_tick_time >= _RETRANSMIT_PERIOD:
             self._republish_state()
         elif self.run.realtime and self.run.endpoint.exchange.late:
@@ -299,6 +361,14 @@ class SoilNode(SimNode):
             if silent.is_dropped:
                 self.membership_log.drop(silent, self.run.tick)
         self.advance()
+
+    def _resend_last_ticks(self) -> None:
+        """Publish again what the process before may not have sent before it died."""
+        for ledger, messages in self._resent_ticks:
+            stamp = stamp_from_tick(ledger.tick, self._params.tick_period)
+            self._transport.send(messages, stamp)
+            self._soil_publishers.tick(ledger, stamp)
+        self._resent_ticks.clear()
 
     def _republish_state(self) -> None:
         """Publish the state again for subscribers that appeared while time stands still."""

@@ -16,9 +16,11 @@ from dataclasses import dataclass
 from soil_sim.endpoint import SoilEndpoint, SoilTickResult
 from soil_sim.node.contention import Contention
 from soil_sim.node.params import SoilNodeParams
+from soil_sim.node.soil_journal import RestoredSoil, SoilJournal, TimeControl
 from soil_sim.node.tick_scheduler import TickScheduler
 from soil_sim.site.site import Site
 from soil_sim.soils.params import SoilParams
+from soil_sim.tick_record import MachineDrop, SoilRelease
 
 __all__ = ["MAX_CHECK_INTERVAL", "SilentMachine", "SoilRun"]
 
@@ -48,6 +50,7 @@ class SoilRun:
         endpoint: soil and its end of the exchange.
         cut_fill: difference of the terrain from the design of the site; None without one.
         params: parameters of the tick.
+        journal: where the inputs of the runs are recorded.
         scheduler: schedule in real time.
         paused: whether time stands still; set by `pause`.
         waiting_for_subscribers: whether the first tick must not begin yet.
@@ -55,7 +58,13 @@ class SoilRun:
     """
 
     def __init__(
-        self, site: Site, soil_params: SoilParams, params: SoilNodeParams, *, run_id: int
+        self,
+        site: Site,
+        soil_params: SoilParams,
+        params: SoilNodeParams,
+        *,
+        run_id: int,
+        journal: SoilJournal | None = None,
     ) -> None:
         """
         Args:
@@ -63,10 +72,12 @@ class SoilRun:
             soil_params: parameters of the soil.
             params: parameters of the tick.
             run_id: id of the first run; `reset` increments it.
+            journal: where the inputs of the runs are recorded.
 
         Raises:
             EarthmovingError: soils, layers or design are invalid.
         """
+        self.journal = journal or SoilJournal(None)
         self._site = site
         self._soil_params = soil_params
         self.params = params
@@ -113,7 +124,8 @@ class SoilRun:
         # A requested step is done even without machines.
         free = paced or self.paused or self._final_tick_pending
         alone = began and free and not self.endpoint.exchange.joined
-        done = self.endpoint.advance(wait=not (late or alone))
+        record = self.journal.recorder(self.endpoint)
+        done = self.endpoint.advance(wait=not (late or alone), record=record)
         if done is not None:
             self._final_tick_pending = False
             self._update_cut_fill(done)
@@ -125,16 +137,42 @@ class SoilRun:
         """Stop time, or let it continue."""
         self.paused = paused
         self.scheduler.stop()
+        self.journal.record_time(self.time_control)
 
     def step(self) -> int:
         """Request one more tick while paused and return its number."""
         self._requested_tick = max(self._requested_tick, self.endpoint.tick) + 1
+        self.journal.record_time(self.time_control)
         return self._requested_tick
 
     def reset(self) -> None:
         """Begin the next run on the initial terrain."""
         self.scheduler.stop()
         self._start_run(self.endpoint.exchange.run_id + 1)
+
+    def resume(self, restored: RestoredSoil) -> None:
+        """Continue a run that another process has begun."""
+        self.endpoint = restored.endpoint
+        self.paused, self._requested_tick = restored.time
+        self.cut_fill = self._site.cut_fill(self.endpoint.soil.columns.height)
+
+    @property
+    def time_control(self) -> TimeControl:
+        """Whether time stands still."""
+        return TimeControl(self.paused, self._requested_tick)
+
+    def checkpoint_if_due(self) -> None:
+        """Write a checkpoint, if it is time for one; call it when what was computed is sent."""
+        self.journal.checkpoint_if_due(self.endpoint, self.time_control)
+
+    def release_absent_soil(self) -> tuple[int, ...]:
+        """Turn absent soil into terrain; see `SoilEndpoint.release_absent_soil`."""
+        self.journal.add_event(SoilRelease())
+        return self.endpoint.release_absent_soil()
+
+    def _drop(self, machine_id: int) -> None:
+        self.journal.add_event(MachineDrop(machine_id))
+        self.endpoint.exchange.drop(machine_id)
 
     def check_silent_machines(
         self, now: float, last_message_times: dict[int, float]
@@ -173,7 +211,7 @@ class SoilRun:
             if duration >= self.params.machine_timeout:
                 is_dropped = self.realtime or self._contention.is_contended(machine_id, now)
                 if is_dropped:
-                    self.endpoint.exchange.drop(machine_id)
+                    self._drop(machine_id)
                 silent.append(SilentMachine(machine_id, duration, is_dropped=is_dropped))
         return silent
 
@@ -203,7 +241,7 @@ class SoilRun:
         dropped = tuple(each.machine_id for each in silent)
         for machine_id in dropped:
             if machine_id in self.endpoint.exchange.joined:
-                self.endpoint.exchange.drop(machine_id)
+                self._drop(machine_id)
                 self._final_tick_pending = True
         return dropped
 

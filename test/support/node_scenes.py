@@ -38,6 +38,7 @@ class Scene:
 
     Attributes:
         soil: the soil node.
+        given: its parameters.
         ledgers: received ledgers, one a tick.
     """
 
@@ -46,8 +47,8 @@ class Scene:
         self.ros = ros
         self._ledgers = ros.collect("/soil/ledger", Int64MultiArray)
         self._diagnostics = ros.collect("/diagnostics", DiagnosticArray)
-        given = {"sync": "lockstep", "tick_period": TICK, **SITE, **parameters}
-        self.soil: SoilNode = ros.add(SoilNode, parameters=given)
+        self.given = {"sync": "lockstep", "tick_period": TICK, **SITE, **parameters}
+        self.soil: SoilNode = ros.add(SoilNode, parameters=self.given)
 
     @property
     def ledgers(self) -> list[Ledger]:

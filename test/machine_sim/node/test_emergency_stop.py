@@ -95,7 +95,7 @@ def test_change_is_reported_at_once(ros: Ros) -> None:
     diagnostics = create_autospec(Diagnostics, instance=True)
     diagnostics.publish.side_effect = lambda: reports.append(arbiter.is_stopped)
     instance: Any = SimpleNamespace(name="", topic_prefix="/excavator/", arbiter=arbiter)
-    stops = EmergencyStops(ros.node("machine"), diagnostics, [instance])
+    stops = EmergencyStops(ros.node("machine"), diagnostics, [instance], lambda: None)
     publisher = ros.publisher(TOPIC, Bool, subscriptions=1)
 
     def has_reported(is_stopped: bool) -> bool:

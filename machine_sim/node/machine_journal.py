@@ -1,0 +1,208 @@
+"""The journal of a machine node, from which a restarted node continues its run.
+
+Independent of ROS and of clocks. Without a `RunJournal` nothing is written.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machine_sim.commands import AppliedCommand, CommandSource
+from machine_sim.endpoint import MachineEndpoint
+from machine_sim.machine import MachineError
+from machine_sim.node.reported_motion import TickProgress
+from machine_sim.physics_state import dump_physics, restore_physics
+from machine_sim.tick_record import JoinRecord, MachineTickRecord
+from msg_bridge.checkpoint.state_pickle import CapturedState, capture_state
+from msg_bridge.codec.run_config import RunFacts
+from msg_bridge.contract.errors import ExchangeError
+from msg_bridge.contract.messages import Keyframe, Message
+from msg_bridge.recovery.errors import RecoveryError
+from msg_bridge.recovery.run_journal import RunJournal, SavedRun
+
+__all__ = [
+    "MachineJournal",
+    "MachineRunBegin",
+    "MachineRunState",
+    "ResentTick",
+    "RestoredMachines",
+    "StopRecord",
+    "restore",
+]
+
+_NUM_RESENT_TICKS = 3
+"""Number of the last ticks whose messages are sent again: the process may have died before."""
+
+Command = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Velocities of the joints [rad/s] and tracks [m/s] of a machine."""
+
+
+class MachineRunBegin(NamedTuple):
+    """What the run of a node begins with.
+
+    Attributes:
+        facts: parameters of the run.
+        keyframe: terrain on which the machines were placed.
+        session_id: number from which the sessions of the node count.
+        config: its configuration [YAML].
+    """
+
+    facts: RunFacts
+    keyframe: Keyframe
+    session_id: int
+    config: str
+
+
+class StopRecord(NamedTuple):
+    """The emergency stops after one has changed.
+
+    Attributes:
+        pressed: whether that of each machine is pressed.
+    """
+
+    pressed: tuple[bool, ...]
+
+
+class MachineRunState(NamedTuple):
+    """The machines after a tick.
+
+    Attributes:
+        endpoint: machines and their end of the exchange; the bodies are in `physics`.
+        progress: see `MachineRun`.
+        stops: emergency stops.
+        client_id: id of their physics client.
+        physics: see `dump_physics`; empty before it is dumped.
+    """
+
+    endpoint: MachineEndpoint
+    progress: TickProgress
+    stops: StopRecord
+    client_id: int
+    physics: bytes = b""
+
+
+class ResentTick(NamedTuple):
+    """A tick to publish again after a restart.
+
+    Attributes:
+        tick: its number.
+        commands: command of each machine; its sources are not known any more.
+        messages: what the machines sent.
+    """
+
+    tick: int
+    commands: list[AppliedCommand]
+    messages: list[Message]
+
+
+class RestoredMachines(NamedTuple):
+    """The machines of a run as they were when their process ended.
+
+    Attributes:
+        state: the machines.
+        last_ticks: the last ticks, in order.
+    """
+
+    state: MachineRunState
+    last_ticks: list[ResentTick]
+
+
+class MachineJournal:
+    """Writes the inputs of the machines of a node."""
+
+    def __init__(self, journal: RunJournal | None) -> None:
+        """
+        Args:
+            journal: the journal of the node; None: nothing is written.
+        """
+        self._journal = journal
+
+    def begin(self, begin: MachineRunBegin, stops: StopRecord) -> None:
+        """Begin the journal of a run, with the present emergency stops."""
+        if self._journal is not None:
+            self._journal.begin(begin)
+            self._journal.append(stops)
+
+    def record_join(self, *, discards_soil: bool) -> None:
+        """Record a request to join."""
+        if self._journal is not None:
+            self._journal.append(JoinRecord(discards_soil))
+
+    def record_tick(
+        self, endpoint: MachineEndpoint, commands: Sequence[Command], *, leave: bool
+    ) -> None:
+        """Record the inputs of the tick that is about to be performed."""
+        if self._journal is not None:
+            self._journal.append(MachineTickRecord.of(endpoint, commands, leave=leave))
+
+    def record_stops(self, stops: StopRecord) -> None:
+        """Record that an emergency stop was pressed or released."""
+        if self._journal is not None:
+            self._journal.append(stops)
+
+    def checkpoint_if_due(self, state: Callable[[], MachineRunState]) -> None:
+        """Write a checkpoint after a tick, if it is time for one.
+
+        Args:
+            state: returns the state without physics.
+        """
+        if self._journal is not None:
+            self._journal.checkpoint_if_due(lambda: _capture(state()))
+
+
+def restore(saved: SavedRun, state: MachineRunState) -> RestoredMachines:
+    """Return the machines of a saved run.
+
+    Args:
+        saved: the run.
+        state: the machines as the run began; their bodies are used, in the physics client of the
+            saved state.
+
+    Raises:
+        RecoveryError: their ticks cannot be computed again.
+    """
+    if saved.state is not None:
+        state = saved.state
+        restore_physics(state.client_id, state.physics)
+        state.endpoint.exchange.discard_unprocessed()
+    endpoint, progress, stops = state.endpoint, state.progress, state.stops
+    last_ticks: deque[ResentTick] = deque(maxlen=_NUM_RESENT_TICKS)
+    for record in saved.records:
+        if isinstance(record, StopRecord):
+            stops = record
+        elif isinstance(record, JoinRecord):
+            record.perform(endpoint)
+        elif isinstance(record, MachineTickRecord):
+            before = endpoint.tick
+            try:
+                record.perform(endpoint)
+            except ExchangeError as error:
+                raise RecoveryError(f"tick {endpoint.next_tick}: {error.coded_message}") from error
+            progress = progress.after_tick(endpoint.tick - before)
+            endpoint.sim.contacts.take_changes()  # they were published
+            messages = endpoint.drain_outbox()
+            commands = [_applied(*each) for each in record.commands]
+            last_ticks.append(ResentTick(endpoint.tick, commands, messages))
+        else:
+            raise RecoveryError(f"a record is of type {type(record).__name__}")
+    state = state._replace(progress=progress, stops=stops)
+    return RestoredMachines(state, list(last_ticks))
+
+
+def _applied(joints: NDArray[np.float64], tracks: NDArray[np.float64]) -> AppliedCommand:
+    unknown: CommandSource = "none"
+    return AppliedCommand(joints, tracks, (unknown,) * len(joints), (unknown,) * len(tracks))
+
+
+def _capture(state: MachineRunState) -> CapturedState | None:
+    """Return a state with its physics; None while bodies touch, which cannot be restored."""
+    try:
+        physics = dump_physics(state.client_id)
+    except MachineError:
+        return None
+    return capture_state(state._replace(physics=physics))

@@ -1,0 +1,96 @@
+"""The inputs of one tick of machines, from which it can be computed again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from machine_sim.endpoint import MachineEndpoint
+from msg_bridge.contract.messages import MachineHeader, Message
+from msg_bridge.exchange.join_state import JoinState
+from msg_bridge.recovery.errors import RecoveryError
+
+__all__ = ["JoinRecord", "MachineTickRecord"]
+
+
+class JoinRecord(NamedTuple):
+    """A request to join.
+
+    Attributes:
+        discards_soil: whether the machines have discarded their soil before.
+    """
+
+    discards_soil: bool
+
+    def perform(self, endpoint: MachineEndpoint) -> None:
+        """Request to join in the same session again; a session before has ended."""
+        exchange = endpoint.exchange
+        if exchange.join_state is not JoinState.OUT:
+            exchange.abandon_session()
+        if self.discards_soil:
+            endpoint.discard_soil()
+        endpoint.join()
+
+
+class MachineTickRecord(NamedTuple):
+    """The inputs of one tick.
+
+    Attributes:
+        messages: welcome and answers of the soil that were applied since the tick before.
+        commands: velocities of joints [rad/s] and tracks [m/s] of each machine.
+        leave: whether it is the last tick of a session.
+        digests_before: digests and volumes that the machines sent in the tick before.
+    """
+
+    messages: Sequence[Message]
+    commands: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]
+    leave: bool
+    digests_before: tuple[int, ...]
+
+    @classmethod
+    def of(
+        cls,
+        endpoint: MachineEndpoint,
+        commands: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+        *,
+        leave: bool,
+    ) -> MachineTickRecord:
+        """Return the record of the tick that an endpoint is about to perform."""
+        digests = _digests(endpoint.exchange.last_sent)
+        return cls(endpoint.applied_messages, tuple(commands), leave, digests)
+
+    def perform(self, endpoint: MachineEndpoint) -> None:
+        """Perform the tick.
+
+        Args:
+            endpoint: in the state after the tick before.
+
+        Raises:
+            RecoveryError: it is not in that state.
+            ExchangeError: a message violates the protocol.
+        """
+        if _digests(endpoint.exchange.last_sent) != self.digests_before:
+            raise RecoveryError(
+                f"tick {endpoint.tick} has other results than before the crash; was the run"
+                " computed by another version, or on another processor?"
+            )
+        for message in self.messages:
+            endpoint.receive(message)
+        endpoint.poll()
+        if not endpoint.is_ready:
+            raise RecoveryError(f"the inputs of tick {endpoint.next_tick} are incomplete")
+        machines = endpoint.sim.simulated_machines
+        for each, command in zip(machines, self.commands, strict=True):
+            each.machine.command(*command)
+        endpoint.step(leave=self.leave)
+
+
+def _digests(header: MachineHeader | None) -> tuple[int, ...]:
+    """Return what a header states of its tick; empty without one."""
+    if header is None:
+        return ()
+    digests = header.sweeps.digest, header.deposit_requests.digest
+    return (*digests, header.pending_mm3, header.particles_mm3)

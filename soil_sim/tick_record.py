@@ -1,0 +1,92 @@
+"""The inputs of one tick of the soil, from which it can be computed again."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from msg_bridge.contract.messages import Message, SoilHeader
+from msg_bridge.recovery.errors import RecoveryError
+from soil_sim.endpoint import SoilEndpoint, SoilTickResult
+
+__all__ = ["MachineDrop", "SoilRelease", "SoilTickRecord"]
+
+
+@dataclass(frozen=True)
+class MachineDrop:
+    """A joined machine was dropped before the tick.
+
+    Attributes:
+        machine_id: its id.
+    """
+
+    machine_id: int
+
+    def apply(self, endpoint: SoilEndpoint) -> None:
+        """Drop the machine."""
+        endpoint.exchange.drop(self.machine_id)
+
+
+@dataclass(frozen=True)
+class SoilRelease:
+    """The release of absent soil was requested before the tick."""
+
+    def apply(self, endpoint: SoilEndpoint) -> None:
+        """Release the soil that is absent now."""
+        endpoint.release_absent_soil()
+
+
+class SoilTickRecord(NamedTuple):
+    """The inputs of one tick.
+
+    Attributes:
+        events: drops and releases since the tick before, in order.
+        messages: requests to join, and rows and headers of the machines in the tick.
+        digests_before: digests of the rows of the tick before, with which this one is computed.
+    """
+
+    events: tuple[MachineDrop | SoilRelease, ...]
+    messages: Sequence[Message]
+    digests_before: tuple[int, ...]
+
+    @classmethod
+    def of(
+        cls,
+        endpoint: SoilEndpoint,
+        events: Sequence[MachineDrop | SoilRelease],
+        messages: Sequence[Message],
+    ) -> SoilTickRecord:
+        """Return the record of the tick that an endpoint is about to compute."""
+        return cls(tuple(events), messages, _digests(endpoint.exchange.last_header))
+
+    def compute(self, endpoint: SoilEndpoint) -> SoilTickResult:
+        """Compute the tick.
+
+        Args:
+            endpoint: in the state after the tick before.
+
+        Raises:
+            RecoveryError: it is not in that state.
+            ExchangeError: a message violates the protocol.
+        """
+        if _digests(endpoint.exchange.last_header) != self.digests_before:
+            raise RecoveryError(
+                f"tick {endpoint.tick} has other results than before the crash; was the run"
+                " computed by another version, or on another processor?"
+            )
+        for event in self.events:
+            event.apply(endpoint)
+        for message in self.messages:
+            endpoint.receive(message)
+        done = endpoint.advance(wait=False)
+        if done is None:
+            raise RecoveryError(f"the inputs of tick {endpoint.tick + 1} are incomplete")
+        return done
+
+
+def _digests(header: SoilHeader | None) -> tuple[int, ...]:
+    """Return the digests of the rows of a tick; empty before tick 0."""
+    if header is None:
+        return ()
+    return tuple(span.digest for span in (header.conversions, header.map_updates, header.forces))
