@@ -34,6 +34,8 @@ _CONDITION = "endpoints of other nodes"
 
 _ANOTHER = "give each node its own namespace, or each simulation its own ROS_DOMAIN_ID"
 
+_RESTARTED = f"if one was killed, it is forgotten in some 10 s (DDS lease); else {_ANOTHER}"
+
 _Endpoint = tuple[str, tuple[int, ...]]
 """Topic and id of a publisher; one that was restarted has another id."""
 
@@ -88,7 +90,8 @@ class EndpointMonitor:
             if len(publishers) > 1:
                 names = sorted(map(_name, publishers))
                 what = f"nodes {' and '.join(names)} both publish {{}}, which one may"
-                findings[Level.WARN, what, _ANOTHER].update(_endpoint(topic, e) for e in publishers)
+                remedy = _ANOTHER if len(set(names)) == len(names) else _RESTARTED
+                findings[Level.WARN, what, remedy].update(_endpoint(topic, e) for e in publishers)
             return
         own = next((each for each in publishers if _name(each) == self._own_name), None)
         for publisher in publishers:

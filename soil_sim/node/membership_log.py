@@ -44,10 +44,16 @@ class MembershipLog:
         self._logger, self._diagnostics, self._namespaces = logger, diagnostics, namespaces
         self.start_run()
 
-    def start_run(self) -> None:
-        """Begin a run, which has no machines."""
-        self._joined: set[int] = set()
-        self._ended_volumes: dict[int, int] = {}
+    def start_run(
+        self, joined: Iterable[int] = (), ended_volumes: Mapping[int, int] | None = None
+    ) -> None:
+        """Begin a run.
+
+        Args:
+            joined, ended_volumes: as for `update`; a new run has no machines.
+        """
+        self._joined = set(joined)
+        self._ended_volumes = dict(ended_volumes or {})
         self._dropped: dict[int, str] = {}
         self._report()
 
@@ -61,8 +67,8 @@ class MembershipLog:
         name = self._name(silent.machine_id)
         self._logger.warning(
             f"{name} silent for {silent.duration:.1f} s: the run continues without it; its soil is"
-            " booked as absent, until it rejoins with that soil (a node that was restarted joins"
-            " without soil)"
+            " booked as absent, until it rejoins with that soil (a restarted node does so with"
+            " recovery.path, and else joins without soil)"
         )
         self._diagnostics.count("machines_dropped")
         self._joined.discard(silent.machine_id)

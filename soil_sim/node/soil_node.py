@@ -14,10 +14,8 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 
-from msg_bridge.codec.cut_fill import CutFillState
 from msg_bridge.codec.stamps import stamp_from_tick
 from msg_bridge.codec.state_hash import StateHash
-from msg_bridge.codec.terrain import TerrainMap
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import Keyframe, Message
@@ -48,6 +46,7 @@ from soil_sim.node.soil_publishers import SoilPublishers
 from soil_sim.node.soil_run import SoilRun
 from soil_sim.node.soil_transport import SoilTransport
 from soil_sim.node.soil_waits import find_soil_waits
+from soil_sim.node.terrain_publication import TerrainPublication
 from soil_sim.node.usage import USAGE
 from soil_sim.site.site import Site, SiteParams, make_site
 from soil_sim.slope_failure import surface_tilt
@@ -58,9 +57,6 @@ __all__ = ["SoilNode", "main"]
 
 _RETRANSMIT_PERIOD = 0.25
 """Wall clock time without a tick after which missing messages are requested again [s]."""
-
-_MAX_CELLS_AT_FULL_RATE = 513 * 513
-"""Number of cells above which terrain maps are published less often."""
 
 _DISCOVERY_TIME = 0.5
 """Wall time from the start in which the process looks for another soil node [s]."""
@@ -133,7 +129,7 @@ class SoilNode(SimNode):
         self.membership_log = MembershipLog(
             self.get_logger(), self.diagnostics, self._transport.machines
         )
-        self._next_map_tick = self._map_revision = 0
+        self._terrain = TerrainPublication(self._soil_publishers, self.run)
         self._last_tick_time = time.monotonic()
         self.publish_run_start(is_continued=self._is_continued)
         if self._params.sync == "realtime":
@@ -246,32 +242,20 @@ class SoilNode(SimNode):
         self._transport.send(self.run.endpoint.drain_outbox(), self._stamp())
 
     def _publish(self, done: SoilTickResult) -> None:
-        tick, stamp, soil = done.ledger.tick, self._stamp(), self.run.endpoint.soil
+        tick, stamp = done.ledger.tick, self._stamp()
         self._last_tick_time = time.monotonic()
         self._transport.send(self.run.endpoint.drain_outbox(), stamp)
         self._soil_publishers.tick(done.ledger, stamp)
         exchange = self.run.endpoint.exchange
         self.membership_log.update(exchange.joined, tick, exchange.accounts.ended_volumes)
-        if tick >= self._next_map_tick:
-            self._next_map_tick = tick + self._interval_in_ticks(self._map_rate)
-            if soil.revision != self._map_revision:
-                self._publish_terrain(stamp)
-        if tick % self._interval_in_ticks(self._params.hash_rate) == 0:
+        self._terrain.update(tick, stamp)
+        if tick % max(1, round(1.0 / (self._params.hash_rate * self._params.tick_period))) == 0:
             self._publish_state_hash()
         for reason in done.step.rejected_tools:
             self.diagnostics.reject(topics.SOIL_TOOL_SWEEPS, reason)
         self._imbalance_report.check(done.ledger)
         self._soil_services.on_tick(tick)
         self.run.checkpoint_if_due()
-
-    @property
-    def _map_rate(self) -> float:
-        """Maximum rate of terrain maps [Hz]: lower for large grids, in proportion to the cells."""
-        grid = self.run.endpoint.soil.grid
-        return self._params.map_rate / max(1.0, grid.rows * grid.cols / _MAX_CELLS_AT_FULL_RATE)
-
-    def _interval_in_ticks(self, rate: float) -> int:
-        return max(1, round(1.0 / (rate * self._params.tick_period)))
 
     def _publish_state_hash(self) -> None:
         run_id, tick = self.run.endpoint.exchange.run_id, self.run.tick
@@ -289,58 +273,27 @@ class SoilNode(SimNode):
         Args:
             is_continued: whether another process has begun it; else its journal begins.
         """
-        self._next_map_tick = self._map_revision = 0
+        exchange, grid = self.run.endpoint.exchange, self.run.endpoint.soil.grid
         self._last_tick_time = time.monotonic()
         self._soil_diagnostics.start_run()
-        self.membership_log.start_run()
+        self.membership_log.start_run(exchange.joined, exchange.accounts.ended_volumes)
         self._imbalance_report.start_run()
-        grid = self.run.endpoint.soil.grid
-        self.get_logger().info(
-            f"run {self.run.endpoint.exchange.run_id} started: terrain of {grid.rows} x {grid.cols}"
-            f" columns of {grid.cell:g} m, {self._params.sync}"
-        )
         config = self._config(self.run)
         if not is_continued:
-            self.run.journal.begin(self.run.endpoint.exchange.run_id, config)
-        self._soil_publishers.begin(self._terrain(), config, self._stamp())
-        self._publish_cut_fill()
+            self.get_logger().info(
+                f"run {exchange.run_id} started: terrain of {grid.rows} x {grid.cols} columns of"
+                f" {grid.cell:g} m, {self._params.sync}"
+            )
+            self.run.journal.begin(exchange.run_id, config)
+        self._terrain.begin(config, self._stamp())
         self.publish_paused()
 
     def publish_paused(self) -> None:
         """Publish whether time stands still."""
         self._soil_publishers.paused(self.run.paused)
 
-    def _publish_terrain(self, stamp: Time) -> None:
-        self._map_revision = self.run.endpoint.soil.revision
-        self._soil_publishers.terrain(self._terrain(), stamp)
-        self._publish_cut_fill()
-
-    def _publish_cut_fill(self) -> None:
-        now = self.run.cut_fill
-        if now is not None:
-            seconds = max(self.run.tick, 0) * self._params.tick_period
-            self._soil_publishers.cut_fill(
-                CutFillState(seconds, now.cut, now.fill, now.remaining, now.within_tolerance)
-            )
-
-    def _terrain(self) -> TerrainMap:
-        soil, run_id = self.run.endpoint.soil, self.run.endpoint.exchange.run_id
-        surface = (soil.grid, soil.columns.height, *soil.layers)
-        return self._with_layers(Keyframe(run_id, soil.revision, *surface))
-
     def _send_keyframe(self, keyframe: Keyframe) -> None:
-        self._soil_publishers.terrain(self._with_layers(keyframe), self._stamp())
-
-    def _with_layers(self, keyframe: Keyframe) -> TerrainMap:
-        """Add the layers of the columns, which have not changed since the keyframe was made."""
-        columns, cut_fill = self.run.endpoint.soil.columns, self.run.cut_fill
-        layers = {} if cut_fill is None else {"design_difference": cut_fill.difference}
-        return TerrainMap(
-            keyframe,
-            columns.loose_depth,
-            columns.material,
-            **layers,
-        )
+        self._terrain.send_keyframe(keyframe, self._stamp())
 
     # Missing messages and silent machines.
 
@@ -377,8 +330,7 @@ class SoilNode(SimNode):
         if endpoint.exchange.ledger is not None:
             self._soil_publishers.tick(endpoint.exchange.ledger, self._stamp())
             self._publish_state_hash()
-        if endpoint.soil.revision != self._map_revision:
-            self._publish_terrain(self._stamp())
+        self._terrain.publish_if_changed(self._stamp())
 
     def _find_waits(self) -> Iterable[Wait]:
         return find_soil_waits(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
-from rclpy.node import Node
 from support.node_scenes import Scene, dig, machine_file, ready_to_dig
 
 from machine_sim.node.machine_node import MachineNode
