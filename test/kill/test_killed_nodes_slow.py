@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 MAX_TICKS_BETWEEN_KILLS = 250
 TIMEOUT = 60.0  # s of wall time for a number of ticks
 
+PROGRAMS = Path(sys.executable).parent
 NODES = ("soil_sim", "machine_sim")
 
 
@@ -61,7 +63,8 @@ class Run:
         self._required = ["exchange_recorder"] if record else []
         if record:
             self._recorder = start(
-                ["exchange_recorder"], parameters={"path": str(self.bag), "progress": False}
+                [PROGRAMS / "exchange_recorder"],
+                parameters={"path": str(self.bag), "progress": False},
             )
         for name in NODES:
             self.start(name)
@@ -97,7 +100,9 @@ class Run:
             machine = machine_file(self._folder, ready_to_dig())
             parameters |= {"machine": machine, "command_wait_period": 1, "state_rate": 100.0}
         namespace = "" if name == "soil_sim" else "/excavator"
-        self._processes[name] = self._start([name], parameters=parameters, namespace=namespace)
+        self._processes[name] = self._start(
+            [PROGRAMS / name], parameters=parameters, namespace=namespace
+        )
 
     def kill_and_restart(self, names: Sequence[str]) -> None:
         """End nodes with `kill -9`, and start them again."""
