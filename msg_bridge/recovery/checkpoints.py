@@ -128,10 +128,10 @@ class CheckpointWriter:
         self._writing = self._thread.submit(_write, self._path, run_key, number, state)
 
     def take_result(self) -> int | None:
-        """Return the number of the oldest checkpoint that is kept, once the one begun is written.
+        """Return the last record that no checkpoint needs, once the one begun is written.
 
         Returns:
-            None until then.
+            None until then. 0 while there is only one: if it is damaged, all records are needed.
 
         Raises:
             sqlite3.Error, OSError: it cannot be written.
@@ -147,6 +147,7 @@ class CheckpointWriter:
 
 
 def _write(path: Path, run_key: str, number: int, state: CapturedState) -> int:
+    """Write a checkpoint, delete old ones, and return the last record that none needs."""
     content = state.compress()
     digest = hashlib.sha256(content).hexdigest()
     with closing(sqlite3.connect(path, isolation_level=None)) as connection:
@@ -159,7 +160,7 @@ def _write(path: Path, run_key: str, number: int, state: CapturedState) -> int:
             "select number from checkpoints where run_key = ? order by number desc limit ?",
             (run_key, _NUM_KEPT),
         ).fetchall()
-        oldest = int(kept[-1][0])
+        oldest = int(kept[-1][0]) if len(kept) == _NUM_KEPT else 0
         connection.execute(
             "delete from checkpoints where run_key <> ? or number < ?", (run_key, oldest)
         )

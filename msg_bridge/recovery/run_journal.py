@@ -228,13 +228,13 @@ class RunJournal:
     def _take_result(self) -> None:
         """Discard the records that no checkpoint needs, once the checkpoint begun is written."""
         try:
-            oldest = self._writer.take_result()
+            unneeded = self._writer.take_result()
         except (sqlite3.Error, OSError) as error:
             self.problem = (
                 f"a checkpoint cannot be written to {self._store.folder} ({error}); free some space"
             )
             return
-        if oldest is not None:
+        if unneeded is not None:
             self.num_checkpoints += 1
             self.problem = "" if not self._is_suspended else self.problem
-            self._store.discard_through(oldest)
+            self._store.discard_through(unneeded)
