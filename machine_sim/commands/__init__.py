@@ -11,13 +11,19 @@ Independent of ROS, of the physics engine and of any clock: the caller passes th
 """
 
 from machine_sim.commands.actuators import TRACK_NAMES
-from machine_sim.commands.arbiter import AppliedCommand, CommandArbiter, CommandSource
+from machine_sim.commands.arbiter import (
+    AppliedCommand,
+    ArbiterState,
+    CommandArbiter,
+    CommandSource,
+)
 from machine_sim.commands.errors import CommandError
 from machine_sim.commands.params import CommandParams
 
 __all__ = [
     "TRACK_NAMES",
     "AppliedCommand",
+    "ArbiterState",
     "CommandArbiter",
     "CommandError",
     "CommandParams",

@@ -12,8 +12,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +30,7 @@ from machine_sim.commands.validation import format_value, validate_numbers, vali
 if TYPE_CHECKING:  # at run time the import would load the physics engine
     from machine_sim.machine.spec import MachineSpec
 
-__all__ = ["AppliedCommand", "CommandArbiter", "CommandSource"]
+__all__ = ["AppliedCommand", "ArbiterState", "CommandArbiter", "CommandSource"]
 
 CommandSource = Literal["none", "front", "tracks", "joints", "twist", "joy", "emergency_stop"]
 """Input that a value came from; `none` without a command in force."""
@@ -63,6 +64,18 @@ class _ActiveCommand:
     arrival: float
 
 
+class ArbiterState(NamedTuple):
+    """What an arbiter has received.
+
+    Attributes:
+        is_stopped: whether the emergency stop is active.
+        active: the newest command of each actuator, by its index.
+    """
+
+    is_stopped: bool
+    active: Mapping[int, _ActiveCommand]
+
+
 class CommandArbiter:
     """Receives the commands of one machine and selects what takes effect in a tick.
 
@@ -84,7 +97,7 @@ class CommandArbiter:
         self._num_joints = len(self._actuators) - 2
         self._parser = CommandParser(self._actuators, spec.tracks.gauge, self.params)
         self._joystick = Joystick(self._actuators, self.params, spec.joystick_axes)
-        self._active: dict[int, _ActiveCommand] = {}
+        self._active: dict[int, _ActiveCommand] = {}  # is replaced, not changed: see `state`
         self._tick_time = -np.inf
         self._is_stopped = False
 
@@ -92,6 +105,16 @@ class CommandArbiter:
     def is_stopped(self) -> bool:
         """Whether the emergency stop is active."""
         return self._is_stopped
+
+    @property
+    def state(self) -> ArbiterState:
+        """What it has received, without that of the joystick."""
+        return ArbiterState(self._is_stopped, self._active)
+
+    def restore(self, state: ArbiterState) -> None:
+        """Set what it has received, by the same clock."""
+        self.emergency_stop(state.is_stopped)
+        self._active = dict(state.active)
 
     def receive_front(self, values: ArrayLike, now: float) -> None:
         """Receive velocities of all joints in their order [rad/s], shape (joints,)."""
@@ -159,12 +182,12 @@ class CommandArbiter:
             raise CommandError(f"the emergency stop is {format_value(active)}; give true or false")
         self._is_stopped = bool(active)
         if self._is_stopped:
-            self._active.clear()
+            self._active = {}
             self._joystick.stop()
 
     def reset(self) -> None:
         """Drop every command in force, as after a reset; an emergency stop stays active."""
-        self._active.clear()
+        self._active = {}
         self._joystick.reset()
 
     def command_at(self, now: float, joint_positions: ArrayLike) -> AppliedCommand:
@@ -209,9 +232,8 @@ class CommandArbiter:
     def _accept(self, setpoints: Setpoints, source: CommandSource, arrival: float) -> None:
         """Put setpoints in force, unless the emergency stop is active."""
         if not self._is_stopped:
-            self._active.update(
-                {i: _ActiveCommand(each, source, arrival) for i, each in setpoints.items()}
-            )
+            commands = {i: _ActiveCommand(each, source, arrival) for i, each in setpoints.items()}
+            self._active = {**self._active, **commands}
 
     def _drop_expired(self, time: float) -> None:
         """Drop commands that timed out, and those of a run that was reset."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.commands import AppliedCommand, CommandSource
+from machine_sim.commands import AppliedCommand, ArbiterState, CommandSource
 from machine_sim.endpoint import MachineEndpoint
 from machine_sim.machine import MachineError
 from machine_sim.node.reported_motion import TickProgress
@@ -26,12 +26,12 @@ from msg_bridge.recovery.errors import RecoveryError
 from msg_bridge.recovery.run_journal import RunJournal, SavedRun
 
 __all__ = [
+    "CommandRecord",
     "MachineJournal",
     "MachineRunBegin",
     "MachineRunState",
     "ResentTick",
     "RestoredMachines",
-    "StopRecord",
     "restore",
 ]
 
@@ -58,14 +58,14 @@ class MachineRunBegin(NamedTuple):
     config: str
 
 
-class StopRecord(NamedTuple):
-    """The emergency stops after one has changed.
+class CommandRecord(NamedTuple):
+    """The commands in force after they have changed.
 
     Attributes:
-        pressed: whether that of each machine is pressed.
+        states: those of each machine, and whether its emergency stop is pressed.
     """
 
-    pressed: tuple[bool, ...]
+    states: tuple[ArbiterState, ...]
 
 
 class MachineRunState(NamedTuple):
@@ -74,14 +74,14 @@ class MachineRunState(NamedTuple):
     Attributes:
         endpoint: machines and their end of the exchange; the bodies are in `physics`.
         progress: see `MachineRun`.
-        stops: emergency stops.
+        commands: commands in force.
         client_id: id of their physics client.
         physics: see `dump_physics`; empty before it is dumped.
     """
 
     endpoint: MachineEndpoint
     progress: TickProgress
-    stops: StopRecord
+    commands: CommandRecord
     client_id: int
     physics: bytes = b""
 
@@ -121,12 +121,13 @@ class MachineJournal:
             journal: the journal of the node; None: nothing is written.
         """
         self._journal = journal
+        self._commands: CommandRecord | None = None  # the last record
 
-    def begin(self, begin: MachineRunBegin, stops: StopRecord) -> None:
-        """Begin the journal of a run, with the present emergency stops."""
+    def begin(self, begin: MachineRunBegin) -> None:
+        """Begin the journal of a run."""
+        self._commands = None
         if self._journal is not None:
             self._journal.begin(begin)
-            self._journal.append(stops)
 
     def record_join(self, *, discards_soil: bool) -> None:
         """Record a request to join."""
@@ -140,10 +141,11 @@ class MachineJournal:
         if self._journal is not None:
             self._journal.append(MachineTickRecord.of(endpoint, commands, leave=leave))
 
-    def record_stops(self, stops: StopRecord) -> None:
-        """Record that an emergency stop was pressed or released."""
-        if self._journal is not None:
-            self._journal.append(stops)
+    def record_commands(self, commands: CommandRecord) -> None:
+        """Record the commands in force, if they have changed."""
+        if self._journal is not None and commands != self._commands:
+            self._commands = commands
+            self._journal.append(commands)
 
     def checkpoint_if_due(self, state: Callable[[], MachineRunState]) -> None:
         """Write a checkpoint after a tick, if it is time for one.
@@ -170,11 +172,11 @@ def restore(saved: SavedRun, state: MachineRunState) -> RestoredMachines:
         state = saved.state
         restore_physics(state.client_id, state.physics)
         state.endpoint.exchange.discard_unprocessed()
-    endpoint, progress, stops = state.endpoint, state.progress, state.stops
+    endpoint, progress, commands = state.endpoint, state.progress, state.commands
     last_ticks: deque[ResentTick] = deque(maxlen=_NUM_RESENT_TICKS)
     for record in saved.records:
-        if isinstance(record, StopRecord):
-            stops = record
+        if isinstance(record, CommandRecord):
+            commands = record
         elif isinstance(record, JoinRecord):
             record.perform(endpoint)
         elif isinstance(record, MachineTickRecord):
@@ -186,11 +188,11 @@ def restore(saved: SavedRun, state: MachineRunState) -> RestoredMachines:
             progress = progress.after_tick(endpoint.tick - before)
             endpoint.sim.contacts.take_changes()  # they were published
             messages = endpoint.drain_outbox()
-            commands = [_applied(*each) for each in record.commands]
-            last_ticks.append(ResentTick(endpoint.tick, commands, messages))
+            applied = [_applied(*each) for each in record.commands]
+            last_ticks.append(ResentTick(endpoint.tick, applied, messages))
         else:
             raise RecoveryError(f"a record is of type {type(record).__name__}")
-    state = state._replace(progress=progress, stops=stops)
+    state = state._replace(progress=progress, commands=commands)
     return RestoredMachines(state, list(last_ticks))
 
 

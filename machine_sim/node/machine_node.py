@@ -205,7 +205,7 @@ class MachineNode(SimNode):
 
     def _record_stops(self) -> None:
         if self.run is not None:
-            self.run.journal.record_stops(self.run.stops)
+            self.run.record_commands()
 
     # Joining a run.
 
@@ -244,7 +244,8 @@ class MachineNode(SimNode):
         session_id = random_session_id()
         run = self._make_run(facts, keyframe, session_id)
         config = self._config(run, session_id)
-        run.journal.begin(MachineRunBegin(facts, keyframe, session_id, config), run.stops)
+        run.journal.begin(MachineRunBegin(facts, keyframe, session_id, config))
+        run.record_commands()
         if self.run is not None:  # closed only now: if the new run is invalid, this one ends well
             self.run.close()
             for instance in self.instances:

@@ -14,7 +14,7 @@ from machine_sim.dem import ParticleParams
 from machine_sim.endpoint import MachineEndpoint
 from machine_sim.node.command_scheduler import CommandScheduler
 from machine_sim.node.machine_instance import MachineInstance
-from machine_sim.node.machine_journal import MachineJournal, MachineRunState, StopRecord
+from machine_sim.node.machine_journal import CommandRecord, MachineJournal, MachineRunState
 from machine_sim.node.params import MachineNodeParams
 from machine_sim.node.reported_motion import TickProgress
 from machine_sim.params import MachineSimParams
@@ -103,19 +103,27 @@ class MachineRun:
         """Continue from a state of the run, in the physics client of its bodies."""
         self._set_endpoint(state.endpoint)
         self.progress = state.progress
-        for instance, is_pressed in zip(self._instances, state.stops.pressed, strict=True):
-            instance.arbiter.emergency_stop(is_pressed)
+        for instance, commands in zip(self._instances, state.commands.states, strict=True):
+            instance.arbiter.restore(commands)
 
     @property
     def state(self) -> MachineRunState:
         """Present state of the run, without physics."""
         client_id = self.sim.machine.client_id
-        return MachineRunState(self.endpoint, self.progress, self.stops, client_id)
+        return MachineRunState(self.endpoint, self.progress, self._commands, client_id)
 
     @property
-    def stops(self) -> StopRecord:
-        """Emergency stops of the machines."""
-        return StopRecord(tuple(each.arbiter.is_stopped for each in self._instances))
+    def _commands(self) -> CommandRecord:
+        """Commands in force; in real time only the emergency stops, since others time out by the
+        wall clock, which another process does not continue."""
+        states = [each.arbiter.state for each in self._instances]
+        if self.facts.realtime:
+            states = [each._replace(active={}) for each in states]
+        return CommandRecord(tuple(states))
+
+    def record_commands(self) -> None:
+        """Record the commands in force, if they have changed."""
+        self.journal.record_commands(self._commands)
 
     @property
     def sim(self) -> MachineSim:
@@ -168,13 +176,19 @@ class MachineRun:
             leave: as for the `step` that follows.
         """
         commands = [scheduler.apply_command(wall) for scheduler in self.schedulers]
+        self.record_commands()
         values = [(each.joints, each.tracks) for each in commands]
         self.journal.record_tick(self.endpoint, values, leave=leave)
         return commands
 
     def checkpoint_if_due(self) -> None:
         """Write a checkpoint, if it is time for one; call it when what was computed is sent."""
-        self.journal.checkpoint_if_due(lambda: self.state)
+        self.journal.checkpoint_if_due(self._recorded_state)
+
+    def _recorded_state(self) -> MachineRunState:
+        """Return the present state, whose commands are the last ones that are recorded."""
+        self.record_commands()
+        return self.state
 
     def step(self, *, leave: bool = False) -> None:
         """Perform the next tick and send it.
