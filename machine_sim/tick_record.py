@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from machine_sim.commands import AppliedCommand, ArbiterState
 from machine_sim.endpoint import MachineEndpoint
-from msg_bridge.contract.messages import MachineHeader, Message
+from msg_bridge.contract.messages import MachineHeader
 from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.recovery.errors import RecoveryError
+from msg_bridge.recovery.packed_messages import PackedMessage, pack_messages, unpack_messages
 
-__all__ = ["JoinRecord", "MachineTickRecord"]
+__all__ = ["ArbiterRecord", "ArbiterStates", "Command", "JoinRecord", "MachineTickRecord"]
+
+ArbiterStates = tuple[ArbiterState, ...]
+"""Commands in force and emergency stop of each machine."""
+
+Command = tuple[list[float], list[float]]
+"""Velocities of the joints [rad/s] and tracks [m/s] of a machine."""
+
+
+class ArbiterRecord(NamedTuple):
+    """The commands in force after they have changed.
+
+    Attributes:
+        states: those of each machine.
+    """
+
+    states: ArbiterStates
 
 
 class JoinRecord(NamedTuple):
@@ -39,14 +56,16 @@ class MachineTickRecord(NamedTuple):
     """The inputs of one tick.
 
     Attributes:
-        messages: welcome and answers of the soil that were applied since the tick before.
+        messages: welcome and answers of the soil that were applied since the tick before, packed.
         commands: velocities of joints [rad/s] and tracks [m/s] of each machine.
+        arbiters: commands in force as in `ArbiterRecord`; None if they have not changed.
         leave: whether it is the last tick of a session.
         digests_before: digests and volumes that the machines sent in the tick before.
     """
 
-    messages: Sequence[Message]
-    commands: tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...]
+    messages: list[PackedMessage]
+    commands: tuple[Command, ...]
+    arbiters: ArbiterStates | None
     leave: bool
     digests_before: tuple[int, ...]
 
@@ -54,13 +73,16 @@ class MachineTickRecord(NamedTuple):
     def of(
         cls,
         endpoint: MachineEndpoint,
-        commands: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
+        commands: Iterable[AppliedCommand],
         *,
+        arbiters: ArbiterStates | None,
         leave: bool,
     ) -> MachineTickRecord:
         """Return the record of the tick that an endpoint is about to perform."""
         digests = _digests(endpoint.exchange.last_sent)
-        return cls(endpoint.applied_messages, tuple(commands), leave, digests)
+        velocities = tuple((each.joints.tolist(), each.tracks.tolist()) for each in commands)
+        messages = pack_messages(endpoint.applied_messages)
+        return cls(messages, velocities, arbiters, leave, digests)
 
     def perform(self, endpoint: MachineEndpoint) -> None:
         """Perform the tick.
@@ -77,14 +99,14 @@ class MachineTickRecord(NamedTuple):
                 f"tick {endpoint.tick} has other results than before the crash; was the run"
                 " computed by another version, or on another processor?"
             )
-        for message in self.messages:
+        for message in unpack_messages(self.messages):
             endpoint.receive(message)
         endpoint.poll()
         if not endpoint.is_ready:
             raise RecoveryError(f"the inputs of tick {endpoint.next_tick} are incomplete")
         machines = endpoint.sim.simulated_machines
         for each, command in zip(machines, self.commands, strict=True):
-            each.machine.command(*command)
+            each.machine.command(*map(np.array, command))
         endpoint.step(leave=self.leave)
 
 

@@ -124,20 +124,20 @@ class SoilEndpoint:
         return self.exchange.drain_outbox()
 
     def advance(
-        self, *, wait: bool = True, record: Callable[[list[Message]], None] | None = None
+        self, *, wait: bool = True, record: Callable[[], None] | None = None
     ) -> SoilTickResult | None:
         """Compute the next tick if it is complete, else return None.
 
         Args:
             wait: whether to wait for late machines; see `SoilExchange.poll`.
-            record: called with the messages of the tick before it is computed; see
-                `SoilExchange.polled_messages`.
+            record: called before the tick is computed, when `SoilExchange.polled_messages` returns
+                its messages.
         """
         tick = self.exchange.poll(wait=wait)
         if tick is None:
             return None
         if record is not None:
-            record(self.exchange.polled_messages())
+            record()
         accounts = self.exchange.accounts.joined_accounts  # of the machines in this tick
         if tick.tick == 0:
             no_rows = (empty_rows(CONVERSION), empty_rows(FORCE), empty_rows(MAP_UPDATE))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from msg_bridge.contract.messages import Message, SoilHeader
 from msg_bridge.recovery.errors import RecoveryError
+from msg_bridge.recovery.packed_messages import PackedMessage, pack_messages, unpack_messages
 from soil_sim.endpoint import SoilEndpoint, SoilTickResult
 
 __all__ = ["MachineDrop", "SoilRelease", "SoilTickRecord"]
@@ -42,12 +43,12 @@ class SoilTickRecord(NamedTuple):
 
     Attributes:
         events: drops and releases since the tick before, in order.
-        messages: requests to join, and rows and headers of the machines in the tick.
+        messages: requests to join, and rows and headers of the machines in the tick, packed.
         digests_before: digests of the rows of the tick before, with which this one is computed.
     """
 
     events: tuple[MachineDrop | SoilRelease, ...]
-    messages: Sequence[Message]
+    messages: list[PackedMessage]
     digests_before: tuple[int, ...]
 
     @classmethod
@@ -58,7 +59,8 @@ class SoilTickRecord(NamedTuple):
         messages: Sequence[Message],
     ) -> SoilTickRecord:
         """Return the record of the tick that an endpoint is about to compute."""
-        return cls(tuple(events), messages, _digests(endpoint.exchange.last_header))
+        digests = _digests(endpoint.exchange.last_header)
+        return cls(tuple(events), pack_messages(messages), digests)
 
     def compute(self, endpoint: SoilEndpoint) -> SoilTickResult:
         """Compute the tick.
@@ -77,7 +79,7 @@ class SoilTickRecord(NamedTuple):
             )
         for event in self.events:
             event.apply(endpoint)
-        for message in self.messages:
+        for message in unpack_messages(self.messages):
             endpoint.receive(message)
         done = endpoint.advance(wait=False)
         if done is None:

@@ -10,14 +10,18 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from machine_sim.commands import AppliedCommand, ArbiterState, CommandSource
+from machine_sim.commands import AppliedCommand, CommandSource
 from machine_sim.endpoint import MachineEndpoint
 from machine_sim.machine import MachineError
 from machine_sim.node.reported_motion import TickProgress
 from machine_sim.physics_state import dump_physics, restore_physics
-from machine_sim.tick_record import JoinRecord, MachineTickRecord
+from machine_sim.tick_record import (
+    ArbiterRecord,
+    ArbiterStates,
+    JoinRecord,
+    MachineTickRecord,
+)
 from msg_bridge.checkpoint.state_pickle import CapturedState, capture_state
 from msg_bridge.codec.run_config import RunFacts
 from msg_bridge.contract.errors import ExchangeError
@@ -26,7 +30,6 @@ from msg_bridge.recovery.errors import RecoveryError
 from msg_bridge.recovery.run_journal import RunJournal, SavedRun
 
 __all__ = [
-    "CommandRecord",
     "MachineJournal",
     "MachineRunBegin",
     "MachineRunState",
@@ -37,9 +40,6 @@ __all__ = [
 
 _NUM_RESENT_TICKS = 3
 """Number of the last ticks whose messages are sent again: the process may have died before."""
-
-Command = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Velocities of the joints [rad/s] and tracks [m/s] of a machine."""
 
 
 class MachineRunBegin(NamedTuple):
@@ -58,30 +58,20 @@ class MachineRunBegin(NamedTuple):
     config: str
 
 
-class CommandRecord(NamedTuple):
-    """The commands in force after they have changed.
-
-    Attributes:
-        states: those of each machine, and whether its emergency stop is pressed.
-    """
-
-    states: tuple[ArbiterState, ...]
-
-
 class MachineRunState(NamedTuple):
     """The machines after a tick.
 
     Attributes:
         endpoint: machines and their end of the exchange; the bodies are in `physics`.
         progress: see `MachineRun`.
-        commands: commands in force.
+        arbiters: commands in force.
         client_id: id of their physics client.
         physics: see `dump_physics`; empty before it is dumped.
     """
 
     endpoint: MachineEndpoint
     progress: TickProgress
-    commands: CommandRecord
+    arbiters: ArbiterStates
     client_id: int
     physics: bytes = b""
 
@@ -121,11 +111,11 @@ class MachineJournal:
             journal: the journal of the node; None: nothing is written.
         """
         self._journal = journal
-        self._commands: CommandRecord | None = None  # the last record
+        self._arbiters: ArbiterStates | None = None  # as recorded last
 
     def begin(self, begin: MachineRunBegin) -> None:
         """Begin the journal of a run."""
-        self._commands = None
+        self._arbiters = None
         if self._journal is not None:
             self._journal.begin(begin)
 
@@ -135,17 +125,33 @@ class MachineJournal:
             self._journal.append(JoinRecord(discards_soil))
 
     def record_tick(
-        self, endpoint: MachineEndpoint, commands: Sequence[Command], *, leave: bool
+        self,
+        endpoint: MachineEndpoint,
+        commands: Sequence[AppliedCommand],
+        arbiters: ArbiterStates,
+        *,
+        leave: bool,
     ) -> None:
-        """Record the inputs of the tick that is about to be performed."""
-        if self._journal is not None:
-            self._journal.append(MachineTickRecord.of(endpoint, commands, leave=leave))
+        """Record the inputs of the tick that is about to be performed.
 
-    def record_commands(self, commands: CommandRecord) -> None:
-        """Record the commands in force, if they have changed."""
-        if self._journal is not None and commands != self._commands:
-            self._commands = commands
-            self._journal.append(commands)
+        Args:
+            endpoint: it performs the tick.
+            commands: command of each machine.
+            arbiters: commands that remain in force.
+            leave: whether it is the last tick of the session.
+        """
+        if self._journal is None:
+            return
+        changed = None if arbiters == self._arbiters else arbiters
+        self._arbiters = arbiters
+        record = MachineTickRecord.of(endpoint, commands, arbiters=changed, leave=leave)
+        self._journal.append(record)
+
+    def record_arbiters(self, arbiters: ArbiterStates) -> None:
+        """Record the commands in force between two ticks, if they have changed."""
+        if self._journal is not None and arbiters != self._arbiters:
+            self._arbiters = arbiters
+            self._journal.append(ArbiterRecord(arbiters))
 
     def checkpoint_if_due(self, state: Callable[[], MachineRunState]) -> None:
         """Write a checkpoint after a tick, if it is time for one.
@@ -172,11 +178,11 @@ def restore(saved: SavedRun, state: MachineRunState) -> RestoredMachines:
         state = saved.state
         restore_physics(state.client_id, state.physics)
         state.endpoint.exchange.discard_unprocessed()
-    endpoint, progress, commands = state.endpoint, state.progress, state.commands
+    endpoint, progress, arbiters = state.endpoint, state.progress, state.arbiters
     last_ticks: deque[ResentTick] = deque(maxlen=_NUM_RESENT_TICKS)
     for record in saved.records:
-        if isinstance(record, CommandRecord):
-            commands = record
+        if isinstance(record, ArbiterRecord):
+            arbiters = record.states
         elif isinstance(record, JoinRecord):
             record.perform(endpoint)
         elif isinstance(record, MachineTickRecord):
@@ -185,6 +191,7 @@ def restore(saved: SavedRun, state: MachineRunState) -> RestoredMachines:
                 record.perform(endpoint)
             except ExchangeError as error:
                 raise RecoveryError(f"tick {endpoint.next_tick}: {error.coded_message}") from error
+            arbiters = record.arbiters or arbiters
             progress = progress.after_tick(endpoint.tick - before)
             endpoint.sim.contacts.take_changes()  # they were published
             messages = endpoint.drain_outbox()
@@ -192,13 +199,14 @@ def restore(saved: SavedRun, state: MachineRunState) -> RestoredMachines:
             last_ticks.append(ResentTick(endpoint.tick, applied, messages))
         else:
             raise RecoveryError(f"a record is of type {type(record).__name__}")
-    state = state._replace(progress=progress, commands=commands)
+    state = state._replace(progress=progress, arbiters=arbiters)
     return RestoredMachines(state, list(last_ticks))
 
 
-def _applied(joints: NDArray[np.float64], tracks: NDArray[np.float64]) -> AppliedCommand:
+def _applied(joints: list[float], tracks: list[float]) -> AppliedCommand:
     unknown: CommandSource = "none"
-    return AppliedCommand(joints, tracks, (unknown,) * len(joints), (unknown,) * len(tracks))
+    sources = (unknown,) * len(joints), (unknown,) * len(tracks)
+    return AppliedCommand(np.array(joints), np.array(tracks), *sources)
 
 
 def _capture(state: MachineRunState) -> CapturedState | None:

@@ -205,7 +205,7 @@ class MachineNode(SimNode):
 
     def _record_stops(self) -> None:
         if self.run is not None:
-            self.run.record_commands()
+            self.run.record_arbiters()
 
     # Joining a run.
 
@@ -245,7 +245,7 @@ class MachineNode(SimNode):
         run = self._make_run(facts, keyframe, session_id)
         config = self._config(run, session_id)
         run.journal.begin(MachineRunBegin(facts, keyframe, session_id, config))
-        run.record_commands()
+        run.record_arbiters()
         if self.run is not None:  # closed only now: if the new run is invalid, this one ends well
             self.run.close()
             for instance in self.instances:

@@ -14,12 +14,13 @@ from machine_sim.dem import ParticleParams
 from machine_sim.endpoint import MachineEndpoint
 from machine_sim.node.command_scheduler import CommandScheduler
 from machine_sim.node.machine_instance import MachineInstance
-from machine_sim.node.machine_journal import CommandRecord, MachineJournal, MachineRunState
+from machine_sim.node.machine_journal import MachineJournal, MachineRunState
 from machine_sim.node.params import MachineNodeParams
 from machine_sim.node.reported_motion import TickProgress
 from machine_sim.params import MachineSimParams
 from machine_sim.simulated_bin import BinSpec
 from machine_sim.simulation import MachineSim
+from machine_sim.tick_record import ArbiterStates
 from msg_bridge.codec.run_config import RunFacts
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.messages import Keyframe
@@ -103,27 +104,27 @@ class MachineRun:
         """Continue from a state of the run, in the physics client of its bodies."""
         self._set_endpoint(state.endpoint)
         self.progress = state.progress
-        for instance, commands in zip(self._instances, state.commands.states, strict=True):
-            instance.arbiter.restore(commands)
+        for instance, arbiter in zip(self._instances, state.arbiters, strict=True):
+            instance.arbiter.restore(arbiter)
 
     @property
     def state(self) -> MachineRunState:
         """Present state of the run, without physics."""
         client_id = self.sim.machine.client_id
-        return MachineRunState(self.endpoint, self.progress, self._commands, client_id)
+        return MachineRunState(self.endpoint, self.progress, self._arbiters, client_id)
 
     @property
-    def _commands(self) -> CommandRecord:
+    def _arbiters(self) -> ArbiterStates:
         """Commands in force; in real time only the emergency stops, since others time out by the
         wall clock, which another process does not continue."""
         states = [each.arbiter.state for each in self._instances]
         if self.facts.realtime:
             states = [each._replace(active={}) for each in states]
-        return CommandRecord(tuple(states))
+        return tuple(states)
 
-    def record_commands(self) -> None:
-        """Record the commands in force, if they have changed."""
-        self.journal.record_commands(self._commands)
+    def record_arbiters(self) -> None:
+        """Record the commands in force between two ticks, if they have changed."""
+        self.journal.record_arbiters(self._arbiters)
 
     @property
     def sim(self) -> MachineSim:
@@ -176,9 +177,7 @@ class MachineRun:
             leave: as for the `step` that follows.
         """
         commands = [scheduler.apply_command(wall) for scheduler in self.schedulers]
-        self.record_commands()
-        values = [(each.joints, each.tracks) for each in commands]
-        self.journal.record_tick(self.endpoint, values, leave=leave)
+        self.journal.record_tick(self.endpoint, commands, self._arbiters, leave=leave)
         return commands
 
     def checkpoint_if_due(self) -> None:
@@ -187,7 +186,7 @@ class MachineRun:
 
     def _recorded_state(self) -> MachineRunState:
         """Return the present state, whose commands are the last ones that are recorded."""
-        self.record_commands()
+        self.record_arbiters()
         return self.state
 
     def step(self, *, leave: bool = False) -> None:

@@ -7,6 +7,7 @@ again from their inputs.
 - `params`: parameters of a node
 - `run_store`: inputs of a run, in SQLite
 - `checkpoints`: states of a run, in SQLite, written by another thread
+- `packed_messages`: messages in a form that is written fast
 - `run_journal`: what a node calls
 - `config_comparison`: whether a restarted node has the parameters of its run
 - `node_recovery`: the journal of a node with its log and diagnostics

@@ -9,7 +9,7 @@ import hashlib
 import json
 import pickle
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
@@ -117,15 +117,23 @@ class CheckpointWriter:
         """Whether the result of a checkpoint was not taken yet."""
         return self._writing is not None
 
-    def start(self, run_key: str, number: int, state: CapturedState) -> None:
+    def start(
+        self, run_key: str, number: int, state: CapturedState, before: Callable[[], None]
+    ) -> None:
         """Begin to write a checkpoint, while none is written.
 
         Args:
             run_key: unique name of its run.
             number: number of the last record that it contains.
             state: the state.
+            before: called before in the same thread.
         """
-        self._writing = self._thread.submit(_write, self._path, run_key, number, state)
+
+        def write() -> int:
+            before()
+            return _write(self._path, run_key, number, state)
+
+        self._writing = self._thread.submit(write)
 
     def take_result(self) -> int | None:
         """Return the last record that no checkpoint needs, once the one begun is written.

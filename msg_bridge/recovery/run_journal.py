@@ -133,6 +133,7 @@ class RunJournal:
         """Continue the journal of a saved run, whose records were processed."""
         self._number = saved.number + saved.num_records
         self._is_suspended = False
+        self._start_segment()
         # The records after the last checkpoint need not be processed once more.
         self._next_checkpoint = self._now()
 
@@ -167,9 +168,10 @@ class RunJournal:
             return
         taken = self._now() - now
         self._next_checkpoint = now + max(self._period, _MIN_INTERVAL_RATIO * taken)
-        if self._is_suspended and not self._start_store():
+        if not (self._start_store() if self._is_suspended else self._start_segment()):
             return
-        self._writer.start(self._store.run_key, self._number, state)
+        before = self._store.close_ended_segments
+        self._writer.start(self._store.run_key, self._number, state, before)
 
     def end(self) -> None:
         """End the run: a process that is started later does not continue it."""
@@ -214,6 +216,15 @@ class RunJournal:
             self._next_checkpoint = self._now() + self._period
         return True
 
+    def _start_segment(self) -> bool:
+        """Write the records from the next one on to another file; return whether it is possible."""
+        try:
+            self._store.start_segment(self._number)
+        except sqlite3.Error as error:
+            self._suspend(error)
+            return False
+        return True
+
     def _suspend(self, error: Exception) -> None:
         """Continue without a journal; records after a gap are of no use."""
         self._is_suspended = True
@@ -237,4 +248,5 @@ class RunJournal:
         if unneeded is not None:
             self.num_checkpoints += 1
             self.problem = "" if not self._is_suspended else self.problem
-            self._store.discard_through(unneeded)
+            with suppress(OSError):
+                self._store.discard_through(unneeded)

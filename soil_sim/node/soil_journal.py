@@ -6,7 +6,7 @@ Independent of ROS and of clocks. Without a `RunJournal` nothing is written.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from msg_bridge.checkpoint.state_pickle import capture_state
@@ -96,17 +96,12 @@ class SoilJournal:
         if self._journal is not None:
             self._events.append(event)
 
-    def recorder(self, endpoint: SoilEndpoint) -> Callable[[list[Message]], None] | None:
-        """Return what records the messages of the next tick of an endpoint, None for nothing."""
-        if self._journal is None:
-            return None
-        journal = self._journal
-
-        def record(messages: list[Message]) -> None:
-            journal.append(SoilTickRecord.of(endpoint, self._events, messages))
+    def record_tick(self, endpoint: SoilEndpoint) -> None:
+        """Record the inputs of the tick that an endpoint is about to compute."""
+        if self._journal is not None:
+            messages = endpoint.exchange.polled_messages()
+            self._journal.append(SoilTickRecord.of(endpoint, self._events, messages))
             self._events.clear()
-
-        return record
 
     def record_time(self, time: TimeControl) -> None:
         """Record that time was stopped or continued, or that a step was requested."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass
+from functools import partial
 
 from soil_sim.endpoint import SoilEndpoint, SoilTickResult
 from soil_sim.node.contention import Contention
@@ -124,7 +125,7 @@ class SoilRun:
         # A requested step is done even without machines.
         free = paced or self.paused or self._final_tick_pending
         alone = began and free and not self.endpoint.exchange.joined
-        record = self.journal.recorder(self.endpoint)
+        record = partial(self.journal.record_tick, self.endpoint)
         done = self.endpoint.advance(wait=not (late or alone), record=record)
         if done is not None:
             self._final_tick_pending = False

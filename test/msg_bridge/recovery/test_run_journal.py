@@ -87,6 +87,12 @@ def change_checkpoints(folder: Path, statement: str) -> None:
         connection.commit()
 
 
+def change_inputs(folder: Path, statement: str) -> None:
+    with closing(sqlite3.connect(folder / "inputs_000000000001.sqlite")) as connection:
+        connection.execute(statement)
+        connection.commit()
+
+
 @pytest.fixture
 def twice_checkpointed(tmp_path: Path) -> Process:
     """A process that died after two checkpoints."""
@@ -155,9 +161,7 @@ def test_run_without_a_usable_checkpoint_needs_all_inputs(tmp_path: Path) -> Non
     assert restored_total(saved_run(tmp_path)) == process.total
     (tmp_path / "checkpoints.sqlite").write_bytes(b"no database" * 1000)
     assert restored_total(saved_run(tmp_path)) == process.total
-    with closing(sqlite3.connect(tmp_path / "journal.sqlite")) as connection:
-        connection.execute("delete from records where number = 2")
-        connection.commit()
+    change_inputs(tmp_path, "delete from records where number = 2")
     with pytest.raises(RecoveryError, match="lacks inputs"):
         saved_run(tmp_path)
 
@@ -169,24 +173,21 @@ def test_inputs_that_no_checkpoint_needs_are_deleted(tmp_path: Path) -> None:
         process.checkpoint()
     process.add(*range(400))
     process.die()
-    with closing(sqlite3.connect(tmp_path / "journal.sqlite")) as connection:
-        (first,) = connection.execute("select min(number) from records").fetchone()
+    first = min(int(path.stem.rpartition("_")[2]) for path in tmp_path.glob("inputs_*.sqlite"))
     assert first == 4 * 101 + 1, "one after the last checkpoint but one"
     assert restored_total(saved_run(tmp_path)) == process.total
 
 
+@pytest.mark.parametrize("name", ["run.sqlite", "inputs_000000000001.sqlite"])
 @pytest.mark.parametrize("damage", [b"", b"x" * 5000, None])
-def test_damaged_journal_is_refused(tmp_path: Path, damage: bytes | None) -> None:
+def test_damaged_journal_is_refused(tmp_path: Path, name: str, damage: bytes | None) -> None:
     process = Process(tmp_path).begin()
     process.add(1, 2, 3)
     process.die()
-    path = tmp_path / "journal.sqlite"
-    if damage is not None:
-        path.write_bytes(damage)
+    if damage is None:
+        change_inputs(tmp_path, "update records set content = zeroblob(5) where number = 2")
     else:
-        with closing(sqlite3.connect(path)) as connection:
-            connection.execute("update records set content = zeroblob(5) where number = 2")
-            connection.commit()
+        (tmp_path / name).write_bytes(damage)
     with pytest.raises(RecoveryError, match="damaged"):
         saved_run(tmp_path)
 
