@@ -7,9 +7,13 @@ pass through `receive`, outgoing ones through `drain_outbox`; `poll` applies the
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from machine_sim.simulation import MachineSim
+from machine_sim.skipped_ticks import book_conversions
 from msg_bridge.contract.errors import ExchangeError
-from msg_bridge.contract.messages import Keyframe, Message
+from msg_bridge.contract.messages import Keyframe, Message, RowChunk, SoilHeader
+from msg_bridge.contract.rows import CONVERSION, rows_of_machine
 from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from msg_bridge.exchange.tick_answer import TickAnswer
@@ -32,6 +36,7 @@ class MachineEndpoint:
         self.exchange = exchange
         self._is_synchronized = False
         self.num_rejected_welcomes = 0
+        self._has_skipped_ticks = False  # since the last join
         self._is_first_tick = False  # of its session
         self._applied_answers: list[TickAnswer] = []  # since the last tick
 
@@ -90,6 +95,25 @@ class MachineEndpoint:
         if self.exchange.join_state is JoinState.READY and not self._is_synchronized:
             self._synchronize()
 
+    def skip(self, messages: Iterable[Message]) -> None:
+        """Apply the volumes of messages of the soil without simulating a tick.
+
+        The session ends; the endpoint can rejoin with the soil that it holds now.
+
+        Args:
+            messages: welcome and answers of the soil, in order.
+
+        Raises:
+            MachineError: they take more soil than the machines hold.
+        """
+        self._has_skipped_ticks = True
+        for message in messages:
+            if isinstance(message, RowChunk) and message.rows.dtype == CONVERSION:
+                rows = rows_of_machine(message.rows, self.exchange.machine_id)
+                book_conversions(self.sim, rows)
+            elif isinstance(message, SoilHeader):
+                self.exchange.abandon_session(message.conversions.last)
+
     def drain_outbox(self) -> list[Message]:
         """Return the messages to the soil in order, and clear them."""
         return self.exchange.drain_outbox()
@@ -143,8 +167,13 @@ class MachineEndpoint:
         """Apply the terrain of the keyframe, and the conversion backlog of a rejoin."""
         keyframe = self.exchange.keyframe
         assert keyframe is not None, "a joined machine has received the terrain"
+        backlog = self.exchange.backlog
         try:
-            self.sim.synchronize(keyframe, self.exchange.backlog)
+            if self._has_skipped_ticks:
+                book_conversions(self.sim, backlog)
+                backlog = backlog[:0]
+            self._has_skipped_ticks = False
+            self.sim.synchronize(keyframe, backlog)
         except ExchangeError:
             self.num_rejected_welcomes += 1
             self.exchange.discard_welcome()

@@ -82,6 +82,7 @@ class MachineSim:
         bins: the bins, in the order given.
         particles: soil in the air, in tools, and at rest before its deposition.
         contacts: contacts between machines, and of machines with bins.
+        digging_couplings: the tools that hold pending soil.
         tick: number of completed ticks.
     """
 
@@ -156,7 +157,7 @@ class MachineSim:
         self._couplings = [
             coupling for each in self.simulated_machines for coupling in each.couplings.values()
         ]
-        self._digging_couplings = [each for each in self._couplings if each.is_digging]
+        self.digging_couplings = [each for each in self._couplings if each.is_digging]
 
     @property
     def _num_tool_ids(self) -> int:
@@ -187,7 +188,7 @@ class MachineSim:
     @property
     def pending_mm3(self) -> int:
         """Bank volume that was excavated and is not yet particles [mm^3]."""
-        return sum(each.pending.total_mm3 for each in self._digging_couplings)
+        return sum(each.pending.total_mm3 for each in self.digging_couplings)
 
     def check_answer(
         self, conversions: Rows, map_updates: Rows, forces: Rows, *, ticks_ago: int = 0
@@ -203,8 +204,8 @@ class MachineSim:
         check_map_updates(map_updates, self.ground)
         check_forces(forces, self._num_tool_ids)
         self._check_conversions(conversions)
-        if self._digging_couplings:
-            check_excavation(conversions, self.ground, self._digging_couplings, ticks_ago)
+        if self.digging_couplings:
+            check_excavation(conversions, self.ground, self.digging_couplings, ticks_ago)
 
     def apply(
         self,
@@ -232,9 +233,9 @@ class MachineSim:
         kind = conversions["kind"]
         is_excavated = kind == _EXCAVATE
         if is_excavated.all():
-            self._credit_excavated_soil(conversions, ticks_ago)
+            self.credit_excavated_soil(conversions, ticks_ago)
             return
-        self._credit_excavated_soil(conversions[is_excavated], ticks_ago)
+        self.credit_excavated_soil(conversions[is_excavated], ticks_ago)
         particle_id, is_rejected = conversions["particle_id"], kind == _REJECT
         self.particles.remove(particle_id[~(is_excavated | is_rejected)])
         self.particles.unfreeze(particle_id[is_rejected])
@@ -251,7 +252,7 @@ class MachineSim:
         """
         self._check_conversions(backlog)
         self.ground.apply_keyframe(keyframe)
-        for coupling in self._digging_couplings:
+        for coupling in self.digging_couplings:
             coupling.reset()
         self.apply(backlog, empty_rows(MAP_UPDATE))
         # The soil did not accept deposit requests without an answer: they are repeated.
@@ -263,7 +264,7 @@ class MachineSim:
         For soil that the terrain does not count as this node's any more.
         """
         volume = self.pending_mm3 + self.particles.total_volume_mm3
-        for coupling in self._digging_couplings:
+        for coupling in self.digging_couplings:
             coupling.pending.clear()
         self.particles.remove(self.particles.ids.copy())
         return volume
@@ -325,10 +326,10 @@ class MachineSim:
 
     def _check_conversions(self, conversions: Rows) -> None:
         check_conversions(
-            conversions, self.ground, self.particles, can_dig=bool(self._digging_couplings)
+            conversions, self.ground, self.particles, can_dig=bool(self.digging_couplings)
         )
 
-    def _credit_excavated_soil(self, excavated: Rows, ticks_ago: int) -> None:
+    def credit_excavated_soil(self, excavated: Rows, ticks_ago: int) -> None:
         """Credit EXCAVATE rows to the digging tool whose key points are nearest.
 
         There is a digging tool if there are rows: `check_conversions` has checked it.
@@ -336,14 +337,14 @@ class MachineSim:
         if excavated.size == 0:
             return
         rows_of_tools = [excavated]
-        if len(self._digging_couplings) > 1:
+        if len(self.digging_couplings) > 1:
             points = np.column_stack([excavated[name] for name in "xyz"]).astype(np.float64)
             distances = [
-                each.distances_to_key_points(points, ticks_ago) for each in self._digging_couplings
+                each.distances_to_key_points(points, ticks_ago) for each in self.digging_couplings
             ]
             nearest = np.argmin(distances, axis=0)
             rows_of_tools = [excavated[nearest == k] for k in range(len(distances))]
-        for coupling, rows in zip(self._digging_couplings, rows_of_tools, strict=True):
+        for coupling, rows in zip(self.digging_couplings, rows_of_tools, strict=True):
             if rows.size:
                 coupling.pending.receive(rows, coupling.frame_at(ticks_ago), self.tick)
 

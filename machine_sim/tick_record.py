@@ -11,7 +11,7 @@ from machine_sim.commands import AppliedCommand, ArbiterState
 from machine_sim.endpoint import MachineEndpoint
 from msg_bridge.contract.messages import MachineHeader
 from msg_bridge.exchange.join_state import JoinState
-from msg_bridge.recovery.errors import RecoveryError
+from msg_bridge.recovery.errors import DivergenceError
 from msg_bridge.recovery.packed_messages import PackedMessage, pack_messages, unpack_messages
 
 __all__ = ["ArbiterRecord", "ArbiterStates", "Command", "JoinRecord", "MachineTickRecord"]
@@ -91,23 +91,28 @@ class MachineTickRecord(NamedTuple):
             endpoint: in the state after the tick before.
 
         Raises:
-            RecoveryError: it is not in that state.
+            DivergenceError: it is not in that state.
             ExchangeError: a message violates the protocol.
         """
         if _digests(endpoint.exchange.last_sent) != self.digests_before:
-            raise RecoveryError(
-                f"tick {endpoint.tick} has other results than before the crash; was the run"
-                " computed by another version, or on another processor?"
-            )
+            raise DivergenceError(endpoint.tick)
         for message in unpack_messages(self.messages):
             endpoint.receive(message)
         endpoint.poll()
         if not endpoint.is_ready:
-            raise RecoveryError(f"the inputs of tick {endpoint.next_tick} are incomplete")
+            raise DivergenceError(endpoint.next_tick, "its inputs are incomplete")
         machines = endpoint.sim.simulated_machines
         for each, command in zip(machines, self.commands, strict=True):
             each.machine.command(*map(np.array, command))
         endpoint.step(leave=self.leave)
+
+    def skip(self, endpoint: MachineEndpoint) -> None:
+        """Apply the volumes of the tick without performing it; see `MachineEndpoint.skip`.
+
+        Raises:
+            MachineError: the tick takes more soil than the machines hold.
+        """
+        endpoint.skip(unpack_messages(self.messages))
 
 
 def _digests(header: MachineHeader | None) -> tuple[int, ...]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from msg_bridge.contract.messages import Message, SoilHeader
-from msg_bridge.recovery.errors import RecoveryError
+from msg_bridge.recovery.errors import DivergenceError
 from msg_bridge.recovery.packed_messages import PackedMessage, pack_messages, unpack_messages
 from soil_sim.endpoint import SoilEndpoint, SoilTickResult
 
@@ -69,21 +69,18 @@ class SoilTickRecord(NamedTuple):
             endpoint: in the state after the tick before.
 
         Raises:
-            RecoveryError: it is not in that state.
+            DivergenceError: it is not in that state.
             ExchangeError: a message violates the protocol.
         """
         if _digests(endpoint.exchange.last_header) != self.digests_before:
-            raise RecoveryError(
-                f"tick {endpoint.tick} has other results than before the crash; was the run"
-                " computed by another version, or on another processor?"
-            )
+            raise DivergenceError(endpoint.tick)
         for event in self.events:
             event.apply(endpoint)
         for message in unpack_messages(self.messages):
             endpoint.receive(message)
         done = endpoint.advance(wait=False)
         if done is None:
-            raise RecoveryError(f"the inputs of tick {endpoint.tick + 1} are incomplete")
+            raise DivergenceError(endpoint.tick + 1, "its inputs are incomplete")
         return done
 
 

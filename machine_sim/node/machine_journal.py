@@ -26,7 +26,7 @@ from msg_bridge.checkpoint.state_pickle import CapturedState, capture_state
 from msg_bridge.codec.run_config import RunFacts
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import Keyframe, Message
-from msg_bridge.recovery.errors import RecoveryError
+from msg_bridge.recovery.errors import DivergenceError, RecoveryError
 from msg_bridge.recovery.run_journal import RunJournal, SavedRun
 
 __all__ = [
@@ -67,6 +67,7 @@ class MachineRunState(NamedTuple):
         arbiters: commands in force.
         client_id: id of their physics client.
         physics: see `dump_physics`; empty before it is dumped.
+        is_exact: whether the bodies move as before once their state is restored.
     """
 
     endpoint: MachineEndpoint
@@ -74,6 +75,7 @@ class MachineRunState(NamedTuple):
     arbiters: ArbiterStates
     client_id: int
     physics: bytes = b""
+    is_exact: bool = True
 
 
 class ResentTick(NamedTuple):
@@ -96,10 +98,13 @@ class RestoredMachines(NamedTuple):
     Attributes:
         state: the machines.
         last_ticks: the last ticks, in order.
+        num_skipped: number of ticks that were not performed again: poses are those before them, and
+            the machines are to rejoin with the soil that they hold after them.
     """
 
     state: MachineRunState
     last_ticks: list[ResentTick]
+    num_skipped: int
 
 
 class MachineJournal:
@@ -160,24 +165,31 @@ class MachineJournal:
             state: returns the state without physics.
         """
         if self._journal is not None:
-            self._journal.checkpoint_if_due(lambda: _capture(state()))
+            self._journal.checkpoint_if_due(
+                lambda is_overdue: _capture(state(), allow_contacts=is_overdue)
+            )
 
 
-def restore(saved: SavedRun, state: MachineRunState) -> RestoredMachines:
+def restore(saved: SavedRun, state: MachineRunState, *, skip: bool = False) -> RestoredMachines:
     """Return the machines of a saved run.
 
     Args:
         saved: the run.
         state: the machines as the run began; their bodies are used, in the physics client of the
             saved state.
+        skip: whether to skip the ticks after the saved state, not to perform them again. They are
+            skipped anyway after a state that is not exact.
 
     Raises:
-        RecoveryError: their ticks cannot be computed again.
+        DivergenceError: their ticks have other results than before.
+        MachineError: they hold less soil than they have deposited.
     """
     if saved.state is not None:
         state = saved.state
         restore_physics(state.client_id, state.physics)
         state.endpoint.exchange.discard_unprocessed()
+    skip = skip or not state.is_exact
+    num_skipped = 0
     endpoint, progress, arbiters = state.endpoint, state.progress, state.arbiters
     last_ticks: deque[ResentTick] = deque(maxlen=_NUM_RESENT_TICKS)
     for record in saved.records:
@@ -185,12 +197,16 @@ def restore(saved: SavedRun, state: MachineRunState) -> RestoredMachines:
             arbiters = record.states
         elif isinstance(record, JoinRecord):
             record.perform(endpoint)
+        elif isinstance(record, MachineTickRecord) and skip:
+            record.skip(endpoint)
+            arbiters = record.arbiters or arbiters
+            num_skipped += 1
         elif isinstance(record, MachineTickRecord):
             before = endpoint.tick
             try:
                 record.perform(endpoint)
             except ExchangeError as error:
-                raise RecoveryError(f"tick {endpoint.next_tick}: {error.coded_message}") from error
+                raise DivergenceError(endpoint.next_tick, error.coded_message) from error
             arbiters = record.arbiters or arbiters
             progress = progress.after_tick(endpoint.tick - before)
             endpoint.sim.contacts.take_changes()  # they were published
@@ -200,7 +216,7 @@ def restore(saved: SavedRun, state: MachineRunState) -> RestoredMachines:
         else:
             raise RecoveryError(f"a record is of type {type(record).__name__}")
     state = state._replace(progress=progress, arbiters=arbiters)
-    return RestoredMachines(state, list(last_ticks))
+    return RestoredMachines(state, list(last_ticks), num_skipped)
 
 
 def _applied(joints: list[float], tracks: list[float]) -> AppliedCommand:
@@ -209,10 +225,13 @@ def _applied(joints: list[float], tracks: list[float]) -> AppliedCommand:
     return AppliedCommand(np.array(joints), np.array(tracks), *sources)
 
 
-def _capture(state: MachineRunState) -> CapturedState | None:
-    """Return a state with its physics; None while bodies touch, which cannot be restored."""
+def _capture(state: MachineRunState, *, allow_contacts: bool) -> CapturedState | None:
+    """Return a state with its physics; None while bodies touch, unless that is allowed."""
     try:
         physics = dump_physics(state.client_id)
     except MachineError:
-        return None
+        if not allow_contacts:
+            return None
+        physics = dump_physics(state.client_id, allow_contacts=True)
+        state = state._replace(is_exact=False)
     return capture_state(state._replace(physics=physics))

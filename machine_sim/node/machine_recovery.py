@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from contextlib import nullcontext
+from functools import partial
 from typing import NamedTuple
 
-from machine_sim.node.machine_journal import MachineRunBegin, ResentTick, restore
+from machine_sim.node.machine_journal import (
+    MachineRunBegin,
+    ResentTick,
+    RestoredMachines,
+    restore,
+)
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.physics_state import next_client
 from msg_bridge.codec.run_config import RunFacts
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.recovery.config_comparison import find_config_difference
-from msg_bridge.recovery.errors import RecoveryError
+from msg_bridge.recovery.errors import DivergenceError, RecoveryError
 from msg_bridge.recovery.node_recovery import NodeRecovery
+from msg_bridge.recovery.run_journal import SavedRun
 
 __all__ = ["ContinuedRun", "continue_run"]
 
@@ -51,21 +58,52 @@ def continue_run(
     saved = recovery.saved_run()
     if saved is None:
         return None
-    begin, run = saved.begin, None
-    client = nullcontext() if saved.state is None else next_client(saved.state.client_id)
+    begin: MachineRunBegin = saved.begin
+    restored_run = partial(_restored_run, make_run, make_config, ignored)
     try:
-        with client:
-            run = make_run(begin.facts, begin.keyframe, begin.session_id)
+        try:
+            run, restored = restored_run(saved, skip=False)
+        except DivergenceError as error:
+            recovery.warn(str(error))
+            saved = recovery.saved_run() or saved  # the state before it was changed
+            run, restored = restored_run(saved, skip=True)
+    except EarthmovingError as error:
+        recovery.reject(str(error))
+        return None
+    run.resume(restored.state)
+    what = f"run {begin.facts.run_id} at tick {run.tick}"
+    if restored.num_skipped:
+        what += (
+            f", {restored.num_skipped} ticks before the crash, with the soil that the machines held"
+            " then,"
+        )
+    recovery.resume(saved, what)
+    return ContinuedRun(run, begin, restored.last_ticks)
+
+
+def _restored_run(
+    make_run: Callable[[RunFacts, Keyframe, int], MachineRun],
+    make_config: Callable[[MachineRun, int], str],
+    ignored: Collection[str],
+    saved: SavedRun,
+    *,
+    skip: bool,
+) -> tuple[MachineRun, RestoredMachines]:
+    """Return the machines of a saved run and what they continue from; arguments as above.
+
+    Raises:
+        EarthmovingError: the run has other parameters, or cannot be restored.
+    """
+    begin: MachineRunBegin = saved.begin
+    client = nullcontext() if saved.state is None else next_client(saved.state.client_id)
+    with client:
+        run = make_run(begin.facts, begin.keyframe, begin.session_id)
+    try:
         config = make_config(run, begin.session_id)
         difference = find_config_difference(begin.config, config, ignored=ignored)
         if difference:
             raise RecoveryError(f"it has other parameters: {difference}")
-        restored = restore(saved, run.state)
-    except EarthmovingError as error:
-        recovery.reject(str(error))
-        if run is not None:
-            run.close()
-        return None
-    run.resume(restored.state)
-    recovery.resume(saved, f"run {begin.facts.run_id} at tick {run.tick}")
-    return ContinuedRun(run, begin, restored.last_ticks)
+        return run, restore(saved, run.state, skip=skip)
+    except BaseException:
+        run.close()
+        raise

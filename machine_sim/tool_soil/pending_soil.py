@@ -161,6 +161,19 @@ class PendingSoil:
             parcel.water += volume * moisture
             parcel.soil, parcel.point, parcel.tick = soil, point, tick
 
+    def discard(self, volume: int) -> int:
+        """Remove up to a volume [mm^3] of pending soil, the oldest first; return what was removed.
+
+        For soil that became particles in ticks that are not simulated again.
+        """
+        rest = volume
+        for parcel in (self._remainder, *self._parcels.values()):
+            part = min(rest, parcel.volume)
+            if part:
+                parcel.withdraw(part)
+                rest -= part
+        return volume - rest
+
     def clear(self) -> None:
         """Remove all pending soil."""
         self._parcels.clear()

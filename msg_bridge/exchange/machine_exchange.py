@@ -99,11 +99,6 @@ class MachineExchange:
         return max(self.tick, self.sent_tick) + 1
 
     @property
-    def conversions_received(self) -> int:
-        """Last conversion row applied; 0 before the first welcome."""
-        return self._applied or 0
-
-    @property
     def num_ticks_in_flight(self) -> int:
         """Number of ticks sent and not answered."""
         return len(self._in_flight)
@@ -135,18 +130,14 @@ class MachineExchange:
         Raises:
             ExchangeError: JOIN_STATE: it takes part already.
         """
-        if self.join_state is not JoinState.OUT:
-            raise ExchangeError(
-                f"machine {self.machine_id} is {self.join_state.value}; it can join when it is out",
-                ErrorCode.JOIN_STATE,
-            )
+        self._check_out("it can join when it is out")
         self.session_id = self.session_id % MAX_SESSION_ID + 1
         self._begin_session()
         self.last_sent = MachineHeader(
             *self._key,
             self.tick,
             Verb.JOIN if self._applied is None else Verb.REJOIN,
-            conversions_received=self.conversions_received,
+            conversions_received=self._applied or 0,
             pending_mm3=pending_mm3,
             particles_mm3=particles_mm3,
         )
@@ -177,8 +168,8 @@ class MachineExchange:
         """
         if self.join_state is not JoinState.READY:
             raise ExchangeError(
-                f"machine {self.machine_id} is {self.join_state.value}; it can send when it has"
-                f" joined and all ticks but the last {PIPELINE_DEPTH} are answered",
+                f"machine {self.machine_id} is {self.join_state.value}; it can send when all ticks"
+                f" but the last {PIPELINE_DEPTH} are answered",
                 ErrorCode.JOIN_STATE,
             )
         assert self._applied is not None
@@ -260,8 +251,7 @@ class MachineExchange:
         self._in_flight.discard_received()
 
     def acknowledge_answer(self) -> None:
-        """Acknowledge the answer that `poll` returns, after it was applied: if that failed, an
-        answer acknowledged before would be lost.
+        """Acknowledge the answer that `poll` returns; not before it was applied, which may fail.
 
         Raises:
             ExchangeError: JOIN_STATE: there is no complete answer.
@@ -300,8 +290,13 @@ class MachineExchange:
         self._handshake.discard_content()
         self.join_state = JoinState.JOINING
 
-    def abandon_session(self) -> None:
-        """End a session that cannot continue; the machine can rejoin with the soil it holds."""
+    def abandon_session(self, applied: int | None = None) -> None:
+        """End a session that cannot continue; the machine can rejoin with the soil it holds.
+
+        Args:
+            applied: last conversion row in that soil; None: that of the last answer.
+        """
+        self._applied = self._applied if applied is None else applied
         self.join_state = JoinState.OUT
         self.dropped = True
 
@@ -311,16 +306,12 @@ class MachineExchange:
         Raises:
             ExchangeError: JOIN_STATE: it takes part.
         """
-        if self.join_state is not JoinState.OUT:
-            raise ExchangeError(
-                f"machine {self.machine_id} is {self.join_state.value}; end its session first",
-                ErrorCode.JOIN_STATE,
-            )
+        self._check_out("end its session first")
         self._applied = None
 
     def request_missing(self) -> None:
-        """Request again what has not arrived; a slow machine, the latest header: it shows whether
-        the soil has dropped the machine, and the request that the machine is alive."""
+        """Request what has not arrived; if nothing, the latest header, to see whether the machine
+        was dropped and to show that it is alive."""
         if self.last_sent is None or self.join_state is JoinState.OUT:
             return
         is_joining = self.join_state is JoinState.JOINING
@@ -340,15 +331,21 @@ class MachineExchange:
         self._outbox = []
         return messages
 
+    def _check_out(self, remedy: str) -> None:
+        if self.join_state is not JoinState.OUT:
+            raise ExchangeError(
+                f"machine {self.machine_id} is {self.join_state.value}; {remedy}",
+                ErrorCode.JOIN_STATE,
+            )
+
     def _completed_tick(self) -> CompletedTick:
         """Return the tick whose answer is complete.
 
         Raises:
             ExchangeError: JOIN_STATE: there is none.
         """
-        completed = None
-        if self.join_state is JoinState.WAITING:
-            completed = self._in_flight.oldest_completed()
+        is_waiting = self.join_state is JoinState.WAITING
+        completed = self._in_flight.oldest_completed() if is_waiting else None
         if completed is None:
             raise ExchangeError(
                 f"machine {self.machine_id} has no complete answer; poll until there is one",

@@ -34,7 +34,7 @@ _CONDITION = "endpoints of other nodes"
 
 _ANOTHER = "give each node its own namespace, or each simulation its own ROS_DOMAIN_ID"
 
-_RESTARTED = f"if one was killed, it is forgotten in some 10 s (DDS lease); else {_ANOTHER}"
+_RESTARTED = f"if one was killed, its DDS lease ends in 10 s; else {_ANOTHER}"
 
 _Endpoint = tuple[str, tuple[int, ...]]
 """Topic and id of a publisher; one that was restarted has another id."""

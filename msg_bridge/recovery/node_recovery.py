@@ -38,6 +38,7 @@ class NodeRecovery:
 
     Attributes:
         journal: the journal; None without recovery.
+        found: the run that a process before did not end, continued or not; None without one.
     """
 
     def __init__(
@@ -58,6 +59,7 @@ class NodeRecovery:
         Raises:
             RecoveryError: the folder cannot be used.
         """
+        self.found: SavedRun | None = None
         self._params, self._logger, self._now = params, logger, now
         self._settled_at = now()
         folder = params.folder(node_name)
@@ -80,6 +82,7 @@ class NodeRecovery:
             if self._params.resume:
                 self.reject(str(error))
             return None
+        self.found = saved
         if saved is None:
             return None
         if not self._params.resume:
@@ -88,6 +91,10 @@ class NodeRecovery:
         for reason in saved.rejected:
             self._logger.warning(f"{self._folder}: {reason}; the state before it is used")
         return saved
+
+    def warn(self, reason: str) -> None:
+        """Report why ticks are not computed again."""
+        self._logger.warning(f"{self._folder}: {reason}")
 
     def reject(self, reason: str) -> None:
         """Report that the saved run is not continued."""

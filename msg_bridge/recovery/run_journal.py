@@ -151,19 +151,20 @@ class RunJournal:
         except sqlite3.Error as error:
             self._suspend(error)
 
-    def checkpoint_if_due(self, capture: Callable[[], CapturedState | None]) -> None:
+    def checkpoint_if_due(self, capture: Callable[[bool], CapturedState | None]) -> None:
         """Write a checkpoint if it is time for one; call it after a tick.
 
         Args:
             capture: returns the state after the last record; None if it cannot be captured now, and
-                is to be asked for again after the next tick.
+                is to be asked for again after the next tick. Its argument is whether a checkpoint
+                has been due for a period.
         """
         now = self._now()
         if self._writer.is_busy:
             self._take_result()
         if now < self._next_checkpoint or self._writer.is_busy:
             return
-        state = capture()
+        state = capture(now >= self._next_checkpoint + self._period)
         if state is None:
             return
         taken = self._now() - now

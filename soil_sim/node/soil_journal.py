@@ -13,7 +13,7 @@ from msg_bridge.checkpoint.state_pickle import capture_state
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import Message
-from msg_bridge.recovery.errors import RecoveryError
+from msg_bridge.recovery.errors import DivergenceError, RecoveryError
 from msg_bridge.recovery.run_journal import RunJournal, SavedRun
 from soil_sim.endpoint import SoilEndpoint
 from soil_sim.tick_record import MachineDrop, SoilRelease, SoilTickRecord
@@ -111,7 +111,7 @@ class SoilJournal:
     def checkpoint_if_due(self, endpoint: SoilEndpoint, time: TimeControl) -> None:
         """Write a checkpoint after a tick, if it is time for one."""
         if self._journal is not None and not self._events:
-            self._journal.checkpoint_if_due(lambda: capture_state((endpoint, time)))
+            self._journal.checkpoint_if_due(lambda _: capture_state((endpoint, time)))
 
 
 def restore(saved: SavedRun, endpoint: SoilEndpoint, time: TimeControl) -> RestoredSoil:
@@ -136,7 +136,7 @@ def restore(saved: SavedRun, endpoint: SoilEndpoint, time: TimeControl) -> Resto
         try:
             done = record.compute(endpoint)
         except ExchangeError as error:
-            raise RecoveryError(f"tick {endpoint.tick + 1}: {error.coded_message}") from error
+            raise DivergenceError(endpoint.tick + 1, error.coded_message) from error
         last_ticks.append(ResentTick(done.ledger, endpoint.drain_outbox()))
     return RestoredSoil(endpoint, time, list(last_ticks))
 

@@ -144,15 +144,13 @@ class SoilNode(SimNode):
         """Return a run on the initial terrain.
 
         Args:
-            run_id: its number; None: Unix time, so that a later run has a higher one.
+            run_id: its number; None: a higher one than those of earlier runs.
         """
-        return SoilRun(
-            self._site,
-            self._soil_params,
-            self._params,
-            run_id=int(time.time()) if run_id is None else run_id,
-            journal=SoilJournal(self._recovery.journal),
-        )
+        if run_id is None:
+            found = self._recovery.found
+            run_id = max(int(time.time()), 0 if found is None else found.begin.run_id + 1)
+        journal = SoilJournal(self._recovery.journal)
+        return SoilRun(self._site, self._soil_params, self._params, run_id=run_id, journal=journal)
 
     def _continued_run(self, saved: SavedRun) -> SoilRun:
         """Return a saved run as it was when its process ended, or a new one if that fails."""
@@ -165,7 +163,7 @@ class SoilNode(SimNode):
             restored = restore(saved, run.endpoint, run.time_control)
         except RecoveryError as error:
             self._recovery.reject(str(error))
-            return self._make_run(max(int(time.time()), saved.begin.run_id + 1))
+            return self._make_run()
         run.resume(restored)
         self._is_continued = True
         self._resent_ticks = restored.last_ticks

@@ -15,10 +15,10 @@ from msg_bridge.testing.ros_context import Ros
 
 __all__ = ["ScriptedDigger"]
 
-DRIVE, DRAG, LIFT, SWING, DUMP, RETURN = 60, 300, 120, 150, 120, 200
+DRIVE, DRAG, LIFT, SWING, DUMP, SWING_BACK = 60, 300, 120, 150, 120, 200
 """Ticks of each phase of a cycle."""
 
-_CYCLE = DRIVE + DRAG + LIFT + SWING + DUMP + RETURN
+_CYCLE = DRIVE + DRAG + LIFT + SWING + DUMP + SWING_BACK
 _SWING = 0.9
 """Angle from the cut to the heap [rad]."""
 
@@ -61,7 +61,7 @@ class ScriptedDigger:
             (LIFT, 0.0, lifted),
             (SWING, _SWING, lifted),
             (DUMP, _SWING, opened),
-            (RETURN, 0.0, drag_angles(self._machine, 0.0)),
+            (SWING_BACK, 0.0, drag_angles(self._machine, 0.0)),
         )
         ends = np.cumsum([duration for duration, _, _ in phases])
         _, swing, angles = phases[int(np.searchsorted(ends, k, side="right"))]

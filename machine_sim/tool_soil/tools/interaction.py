@@ -73,6 +73,10 @@ class PendingAccount(Protocol):
         """Remove all pending soil."""
         ...
 
+    def discard(self, volume: int) -> int:
+        """Remove up to a volume of pending soil [mm^3]; return what was removed."""
+        ...
+
     def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
         """Credit the EXCAVATE rows among the CONVERSION rows of a tool at a pose."""
         ...
@@ -177,6 +181,10 @@ class NoPendingSoil:
 
     def clear(self) -> None:
         """Do nothing."""
+
+    def discard(self, volume: int) -> int:
+        """Return 0: there is none."""
+        return 0
 
     def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
         """Accept no rows: none belong to a tool that does not excavate."""

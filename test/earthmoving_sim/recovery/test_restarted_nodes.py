@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 
+import pytest
+from std_msgs.msg import Bool
 from support.node_scenes import Scene, dig, machine_file, ready_to_dig
 
 from machine_sim.node.machine_node import MachineNode
@@ -14,8 +19,14 @@ from soil_sim.node.soil_node import SoilNode
 class CrashScene(Scene):
     """Nodes with recovery, which are removed without notice, as `kill -9` ends a process."""
 
-    def __init__(self, ros: Ros, folder: Path, **parameters: object) -> None:
-        self.folder = folder
+    def __init__(
+        self,
+        ros: Ros,
+        folder: Path,
+        machine_parameters: Mapping[str, object] = MappingProxyType({}),
+        **parameters: object,
+    ) -> None:
+        self.folder, self._machine_parameters = folder, machine_parameters
         self._recovery = {
             "recovery.path": str(folder / "state"),
             "recovery.checkpoint_period": 0.2,
@@ -26,12 +37,23 @@ class CrashScene(Scene):
     def start_digger(self) -> MachineNode:
         return self.machine(
             machine=machine_file(self.folder, ready_to_dig()),
-            **{"commands.command_timeout": 60.0, **self._recovery},
+            **{
+                "commands.command_timeout": 60.0,
+                **self._recovery,
+                **self._machine_parameters,
+            },
         )
 
-    def restart_soil(self) -> None:
+    @property
+    def run_id(self) -> int:
+        return self.soil.run.endpoint.exchange.run_id
+
+    def restart_soil(self, min_run_id: int = 0) -> None:
+        """Restart the soil node; it begins a run from `min_run_id` on, or continues the present."""
+        run_id = self.run_id
         self.ros.remove(self.soil)
         self.soil = self.ros.add(SoilNode, parameters=self.given)
+        assert self.run_id >= min_run_id if min_run_id else self.run_id == run_id
 
     def restart_digger(self) -> None:
         self.ros.remove(self.digger)
@@ -41,9 +63,8 @@ class CrashScene(Scene):
 def test_soil_node_continues_its_run(ros: Ros, tmp_path: Path) -> None:
     scene = CrashScene(ros, tmp_path)
     dig(scene, scene.digger, lambda ledger: ledger.particles > 10**8)
-    run_id, tick = scene.soil.run.endpoint.exchange.run_id, scene.tick
+    tick = scene.tick
     scene.restart_soil()
-    assert scene.soil.run.endpoint.exchange.run_id == run_id
     assert scene.tick >= tick
     scene.more_ticks(100)
     assert scene.ledgers[-1].imbalance == 0
@@ -62,3 +83,89 @@ def test_machine_node_continues_its_run(ros: Ros, tmp_path: Path) -> None:
     scene.more_ticks(100)
     assert scene.ledgers[-1].imbalance == 0
     assert scene.ledgers[-1].absent == 0
+
+
+def test_machine_dropped_in_real_time_returns_with_its_soil(ros: Ros, tmp_path: Path) -> None:
+    scene = CrashScene(ros, tmp_path, sync="realtime", machine_timeout=0.5)
+    dig(scene, scene.digger, lambda ledger: ledger.particles > 10**8)
+    ros.remove(scene.digger)
+    ros.spin_until(lambda: scene.joined == (), what="the silent machine to be dropped")
+    scene.more_ticks(10)
+    assert scene.ledgers[-1].absent > 10**8
+    scene.digger = scene.start_digger()
+    ros.spin_until(lambda: scene.joined == (1,), what="the machine to rejoin")
+    scene.more_ticks(50)
+    assert scene.ledgers[-1].absent == scene.ledgers[-1].imbalance == 0
+    assert scene.ledgers[-1].particles > 10**8
+
+
+def test_emergency_stop_holds_over_a_restart(ros: Ros, tmp_path: Path) -> None:
+    scene = CrashScene(ros, tmp_path)
+    scene.until_tick(5)
+    stop = ros.publisher("/excavator/emergency_stop", Bool, subscriptions=2)
+    stop.publish(Bool(data=True))
+    arbiter = scene.digger.instances[0].arbiter
+    ros.spin_until(lambda: arbiter.is_stopped, what="the emergency stop")
+    scene.restart_digger()
+    assert scene.digger.instances[0].arbiter.is_stopped
+    scene.more_ticks(20)
+
+
+def test_pause_holds_over_a_restart(ros: Ros, tmp_path: Path) -> None:
+    scene = CrashScene(ros, tmp_path)
+    scene.until_tick(5)
+    scene.pause()
+    tick = scene.tick
+    scene.restart_soil()
+    assert scene.soil.run.paused
+    scene.step()
+    assert scene.tick == tick + 1
+
+
+def test_run_that_was_stopped_is_not_continued(ros: Ros, tmp_path: Path) -> None:
+    scene = CrashScene(ros, tmp_path)
+    scene.until_tick(5)
+    run_id = scene.run_id
+    ros.spin_until(lambda: int(time.time()) > run_id, what="a second after the begin of the run")
+    scene.soil.stop()
+    scene.restart_soil(run_id + 1)
+    ros.spin_until(lambda: scene.joined == (1,), what="the machine to join the new run")
+
+
+@pytest.mark.parametrize("change", [{"soil.swell": 0.3}, {"recovery.resume": False}])
+def test_new_run_begins_on_purpose_or_with_other_parameters(
+    ros: Ros, tmp_path: Path, change: dict[str, object]
+) -> None:
+    scene = CrashScene(ros, tmp_path)
+    scene.until_tick(5)
+    scene.given |= change
+    scene.restart_soil(scene.run_id + 1)
+    ros.spin_until(lambda: scene.joined == (1,), what="the machine to join the new run")
+
+
+def test_machine_that_was_down_during_a_reset_joins_the_new_run(ros: Ros, tmp_path: Path) -> None:
+    scene = CrashScene(ros, tmp_path)
+    scene.until_tick(5)
+    run_id = scene.run_id
+    ros.remove(scene.digger)
+    assert scene.trigger("/sim/reset").success
+    scene.digger = scene.start_digger()
+    assert scene.digger.run is not None
+    assert scene.digger.run.facts.run_id == run_id
+    ros.spin_until(lambda: scene.joined == (1,), what="the machine to join the new run")
+    assert scene.digger.run.facts.run_id == run_id + 1
+
+
+def test_machine_with_dynamic_tracks_continues_with_its_soil(ros: Ros, tmp_path: Path) -> None:
+    """Its bodies touch, so that pybullet cannot restore their state exactly."""
+    parameters = {"stepping.track_model": "dynamic"}
+    scene = CrashScene(ros, tmp_path, machine_timeout=0.5, machine_parameters=parameters)
+    dig(scene, scene.digger, lambda ledger: ledger.particles > 10**8)
+    scene.more_ticks(150)
+    tick, before = scene.digger.run.tick, scene.ledgers[-1]
+    scene.restart_digger()
+    assert scene.digger.run.tick < tick, "the ticks after the last state are skipped"
+    ros.spin_until(lambda: scene.tick > tick + 20, what="the machine to rejoin")
+    after = scene.ledgers[-1]
+    assert after.imbalance == after.absent == 0
+    assert after.particles + after.pending > 0.9 * (before.particles + before.pending)

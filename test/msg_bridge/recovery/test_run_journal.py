@@ -39,7 +39,7 @@ class Process:
         for number in numbers:
             self.journal.append(number)
             self.total += number
-            self.journal.checkpoint_if_due(lambda: capture_state(np.array([self.total])))
+            self.journal.checkpoint_if_due(lambda _: capture_state(np.array([self.total])))
 
     def checkpoint(self, *, fails: bool = False) -> None:
         """Let a checkpoint be due, and wait until it is written, or until it has failed."""
@@ -49,7 +49,7 @@ class Process:
         deadline = time.monotonic() + 10.0
         while self.journal.num_checkpoints == count and not (fails and self.journal.problem):
             assert time.monotonic() < deadline
-            self.journal.checkpoint_if_due(lambda: None)
+            self.journal.checkpoint_if_due(lambda _: None)
 
     def die(self) -> None:
         """End as a process that is killed: without a call of `end`."""
@@ -180,7 +180,7 @@ def test_inputs_that_no_checkpoint_needs_are_deleted(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["run.sqlite", "inputs_000000000001.sqlite"])
 @pytest.mark.parametrize("damage", [b"", b"x" * 5000, None])
-def test_damaged_journal_is_refused(tmp_path: Path, name: str, damage: bytes | None) -> None:
+def test_damaged_journal_is_rejected(tmp_path: Path, name: str, damage: bytes | None) -> None:
     process = Process(tmp_path).begin()
     process.add(1, 2, 3)
     process.die()
@@ -192,7 +192,9 @@ def test_damaged_journal_is_refused(tmp_path: Path, name: str, damage: bytes | N
         saved_run(tmp_path)
 
 
-def test_run_of_another_version_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_run_of_another_version_is_rejected(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     Process(tmp_path).begin().die()
     monkeypatch.setattr("msg_bridge.recovery.run_journal.versions", lambda: {"numpy": "0.1"})
     with pytest.raises(RecoveryError, match=r"0\.1"):
@@ -274,7 +276,7 @@ ballast = np.random.default_rng(0).random(100_000)
 for number in range(1_000_000):
     journal.append(number)
     total += number
-    journal.checkpoint_if_due(lambda: capture_state((np.array([total]), ballast)))
+    journal.checkpoint_if_due(lambda _: capture_state((np.array([total]), ballast)))
     print(number, flush=True)
 """
 
