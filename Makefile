@@ -3,7 +3,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo check chromium test test-slow test-chaos clean distclean
+.PHONY: help setup demo check chromium test test-slow test-chaos test-kill clean distclean
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -134,6 +134,10 @@ test-slow: setup chromium ## the tests that take long: a colcon build, the whole
 test-chaos: setup ## forged messages (200 rounds), overload, floods: the long form of the tests in test/chaos
 	@echo "==> Chaos tests"
 	@CHAOS_ROUNDS=200 $(BIN)/python -m pytest -m slow test/chaos $(ARGS)
+
+test-kill: setup ## kill -9 of nodes and their restart (500 rounds), the long form of the test in test/kill
+	@echo "==> Kill tests"
+	@KILL_ROUNDS=$${KILL_ROUNDS:-500} $(BIN)/python -m pytest -m slow test/kill $(ARGS)
 
 clean: ## remove build products and caches; keeps .venv, out/ and bags/
 	@rm -rf viewer/page/dist viewer/page/node_modules build install log *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
