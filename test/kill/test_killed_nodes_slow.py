@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from kill.scripted_digger import ScriptedDigger
 from std_msgs.msg import Int64MultiArray, String
 from support.node_scenes import SITE, TICK, machine_file, ready_to_dig
+from support.scripted_digger import ScriptedDigger
 
 from earthmoving_sim.cli import main
 from msg_bridge.codec.state_hash import from_state_hash_string

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
-from support.machine_scenes import COMMAND_NAMES
-from support.node_scenes import TICK, drag_angles, joint_command, ready_to_dig
 
 from msg_bridge.codec.qos import STATE
 from msg_bridge.codec.stamps import tick_from_stamp
 from msg_bridge.testing.ros_context import Ros
+from support.machine_scenes import COMMAND_NAMES
+from support.node_scenes import TICK, drag_angles, joint_command, ready_to_dig
 
 __all__ = ["ScriptedDigger"]
 
