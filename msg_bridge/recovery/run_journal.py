@@ -221,7 +221,7 @@ class RunJournal:
         """Write the records from the next one on to another file; return whether it is possible."""
         try:
             self._store.start_segment(self._number)
-        except sqlite3.Error as error:
+        except (sqlite3.Error, OSError) as error:
             self._suspend(error)
             return False
         return True

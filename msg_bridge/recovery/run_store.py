@@ -26,9 +26,11 @@ __all__ = ["RunStore", "StoredRun"]
 _RUN = "run.sqlite"
 _RUN_TABLE = "create table run (run_key text not null, begin blob not null, num_before integer)"
 
+_PART = "part.sqlite"
+
 _SEGMENTS = "inputs_*.sqlite"
 _RECORD_TABLE = """
-create table if not exists records (
+create table records (
     number integer primary key, checksum integer not null, content blob not null
 )
 """
@@ -147,11 +149,9 @@ class RunStore:
         """
         self.end_run()
         run_key = uuid.uuid4().hex
-        with closing(sqlite3.connect(self.folder / _RUN)) as connection:
-            connection.execute("pragma synchronous = off")
+        with self._new_database(self.folder / _RUN) as connection:
             connection.execute(_RUN_TABLE)
             connection.execute("insert into run values (?, ?, ?)", (run_key, begin, num_before))
-            connection.commit()
         self.run_key = run_key
         self.start_segment(num_before)
 
@@ -162,12 +162,14 @@ class RunStore:
             number: number of the last record before it.
 
         Raises:
-            sqlite3.Error: it cannot be written.
+            sqlite3.Error, OSError: it cannot be written.
         """
         if self._segment is not None:
             self._ended_segments.append(self._segment)
             self._segment = None
         path = self.folder / _SEGMENTS.replace("*", f"{number + 1:012d}")
+        with self._new_database(path) as connection:
+            connection.execute(_RECORD_TABLE)
         segment = self._segment = sqlite3.connect(
             path, isolation_level=None, check_same_thread=False
         )
@@ -176,7 +178,6 @@ class RunStore:
         segment.execute("pragma journal_mode = wal")
         segment.execute("pragma synchronous = off")
         segment.execute("pragma wal_autocheckpoint = 0")
-        segment.execute(_RECORD_TABLE)
 
     def close_ended_segments(self) -> None:
         """Close the segments before the present one, in any thread: it takes some milliseconds."""
@@ -223,6 +224,18 @@ class RunStore:
         """Close the databases, and let other processes use them."""
         self._close_segment()
         self._lock.close()
+
+    @contextlib.contextmanager
+    def _new_database(self, path: Path) -> Iterator[sqlite3.Connection]:
+        """Yield a connection to a database that has its name once its content is complete: the
+        process may die at any moment."""
+        part = self.folder / _PART
+        _delete_database(part)
+        with closing(sqlite3.connect(part)) as connection:
+            connection.execute("pragma synchronous = off")
+            yield connection
+            connection.commit()
+        part.replace(path)
 
     def _segment_paths(self) -> list[Path]:
         return sorted(self.folder.glob(_SEGMENTS))

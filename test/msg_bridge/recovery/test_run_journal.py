@@ -201,6 +201,21 @@ def test_run_of_another_version_is_rejected(
         saved_run(tmp_path)
 
 
+def test_process_that_dies_while_it_begins_a_segment_loses_nothing(tmp_path: Path) -> None:
+    process = Process(tmp_path).begin()
+    process.add(1, 2, 3)
+    process.die()
+    (tmp_path / "part.sqlite").write_bytes(b"a database that is not complete")
+    other = Process(tmp_path)
+    saved = other.journal.saved_run()
+    assert saved is not None
+    other.total = restored_total(saved)
+    other.journal.resume(saved)
+    other.add(4)
+    other.die()
+    assert restored_total(saved_run(tmp_path)) == 10
+
+
 def test_run_that_was_ended_is_not_continued(tmp_path: Path) -> None:
     process = Process(tmp_path).begin()
     process.add(1)
