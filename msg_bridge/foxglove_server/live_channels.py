@@ -60,7 +60,7 @@ class LiveChannels:
             topic: its name.
             num_messages: number of messages to keep, at least one.
         """
-        self._histories.setdefault(topic, TransientLocalHistory()).set_depth(num_messages)
+        self._histories.setdefault(topic, TransientLocalHistory(topic)).set_depth(num_messages)
 
     def send(self, message: ReceivedMessage, log_time: int) -> None:
         """Send a message to all clients that are subscribed to its topic.

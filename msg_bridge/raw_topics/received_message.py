@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import deque
 from typing import NamedTuple
 
+from msg_bridge.contract.interface import is_exclusive
+
 __all__ = ["ReceivedMessage", "TransientLocalHistory"]
 
 
@@ -35,11 +37,17 @@ class TransientLocalHistory:
         messages: the messages, the oldest first.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, topic: str) -> None:
+        """
+        Args:
+            topic: name of the topic. If only one node may publish it, a second publisher is that of
+                a node that was killed and restarted: its last message is not kept.
+        """
+        self._is_exclusive = is_exclusive(topic)
         self.messages: deque[ReceivedMessage] = deque(maxlen=1)
 
     def set_depth(self, num_publishers: int) -> None:
         """Keep one message per publisher, at least one."""
-        depth = max(num_publishers, 1)
+        depth = 1 if self._is_exclusive else max(num_publishers, 1)
         if depth != self.messages.maxlen:
             self.messages = deque(self.messages, maxlen=depth)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from msg_bridge.bag.message_loss import MessageLossCounter
@@ -27,7 +27,7 @@ _NANO = 10**9
 class _RepeatedTopic:
     """A transient-local topic whose newest messages are written repeatedly."""
 
-    history: TransientLocalHistory = field(default_factory=TransientLocalHistory)
+    history: TransientLocalHistory
     last_write_time: int = 0  # log time [ns]
 
 
@@ -100,7 +100,9 @@ class BagRecording:
         """
         self.loss_counter.update_publishers(topic, publishers)
         if transient_local and self._repeat_period:
-            repeated = self._transient_local.setdefault(topic, _RepeatedTopic())
+            repeated = self._transient_local.setdefault(
+                topic, _RepeatedTopic(TransientLocalHistory(topic))
+            )
             repeated.history.set_depth(len(publishers))
         elif publishers:
             self._transient_local.pop(topic, None)

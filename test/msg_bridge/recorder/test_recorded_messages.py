@@ -146,6 +146,23 @@ def test_only_the_newest_transient_local_message_is_written_again(ros, recorder,
     assert set(recorded[3:]) == {3}
 
 
+@pytest.mark.parametrize(("topic", "repeated"), [("/sim/config", {"2"}), ("/t/a", {"1", "2"})])
+def test_message_of_a_killed_publisher_is_not_written_again(
+    ros, recorder, tmp_path, topic, repeated
+):
+    """A node that was killed counts as a publisher for some seconds after it was restarted."""
+    node = recorder(include=topic, repeat_transient_local_period=0.1)
+    publishers = [ros.publisher(topic, String, qos.TRANSIENT_LOCAL) for _ in range(2)]
+    ros.spin_until(lambda: all(each.get_subscription_count() >= 1 for each in publishers))
+    for number, publisher in enumerate(publishers, 1):
+        publisher.publish(String(data=str(number)))
+        spin_until_recorded(ros, node, number)
+    ros.spin_for(0.35)
+    node.stop()
+    written = [each.data.decode("latin1") for each in records_of(tmp_path / "dig", topic)][2:]
+    assert {each for each in "12" if any(each in text for text in written)} == repeated
+
+
 def test_publisher_with_weaker_qos_than_the_others_is_recorded(ros, recorder, tmp_path):
     node = recorder(repeat_transient_local_period=0.0)
     transient_local = ros.publisher("/t/mixed", String, qos.TRANSIENT_LOCAL, subscriptions=1)
