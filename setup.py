@@ -120,6 +120,7 @@ setup(
         "rosbags",
         "rasterio",
         "mapbox_earcut",
+        "pyarrow",
     ],
     extras_require={"foxglove": ["foxglove-sdk"]},  # for foxglove_server; make setup installs it
     zip_safe=False,

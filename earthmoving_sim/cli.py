@@ -23,6 +23,10 @@ SUBCOMMANDS = (
     "machine",
     "audit",
     "replay",
+    "play",
+    "report",
+    "export",
+    "recover",
     "film",
     "figures",
 )
@@ -41,6 +45,10 @@ examples:
   earthmoving machine check FILE   check a machine file
   earthmoving audit BAG            check that a recording accounts for every mm3 of soil
   earthmoving replay BAG           run a recorded simulation again, and compare every tick
+  earthmoving play BAG             publish a recording on ROS topics
+  earthmoving report BAG           one page on what machines and soil did in a recording
+  earthmoving export BAG           write a recording as Parquet tables
+  earthmoving recover BAG          mend a recording that was cut off or damaged
   earthmoving film BAG             make a film of a recording
   earthmoving figures              make pictures after the figures of the reference of 2014
 
