@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from io import BytesIO
 from pathlib import Path
 from typing import IO
@@ -21,6 +21,7 @@ from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
 
 from msg_bridge.bag.mcap_index import BagReadError, FileSegment, McapFile, damage
+from msg_bridge.codec.terrain_delta import apply_delta
 
 __all__ = ["MessageIndex"]
 
@@ -28,6 +29,10 @@ _RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of the content
 _INDEX_HEADER = struct.Struct("<HI")  # channel, size of the entries
 _MESSAGE_HEADER = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
+
+_MAX_KEYFRAMES = 3
+"""Number of full maps that are tried for a delta. It is based on the last one, unless messages of
+two runs alternate because their log times are simulation times."""
 
 _MAX_CACHE_SIZE = 96 * 2**20
 """Maximum size of the decompressed chunks that are kept [bytes]."""
@@ -48,12 +53,14 @@ class MessageIndex:
         self,
         files: Sequence[McapFile],
         topic_name: Callable[[McapFile, Channel], str | None],
+        has_deltas: Callable[[McapFile, Channel], bool],
         topics: Sequence[str],
     ) -> None:
         """
         Args:
             files: the indexed files of the bag.
             topic_name: returns the current name of the topic of a channel; None if it is not read.
+            has_deltas: returns whether a channel has maps of its topic as deltas.
             topics: names of the topics.
 
         Raises:
@@ -74,8 +81,11 @@ class MessageIndex:
             }
             for file in files
         ]
+        delta_channels = [
+            {each.id for each in file.channels.values() if has_deltas(file, each)} for file in files
+        ]
         try:
-            self._add_messages(by_channel)
+            self._add_messages(by_channel, delta_channels)
         except BaseException:
             self.close()
             raise
@@ -83,13 +93,16 @@ class MessageIndex:
             np.flatnonzero(self.topic_numbers == number) for number in range(len(self.topics))
         ]
 
-    def _add_messages(self, by_channel: Sequence[Mapping[int, int]]) -> None:
+    def _add_messages(
+        self, by_channel: Sequence[Mapping[int, int]], delta_channels: Sequence[Set[int]]
+    ) -> None:
         """Find all messages.
 
         Args:
             by_channel: number of the topic of each channel that is read, by file.
+            delta_channels: channels that have maps as deltas, by file.
         """
-        times, offsets, topic_numbers, segments = [], [], [], []
+        times, offsets, topic_numbers, segments, are_deltas = [], [], [], [], []
         for number, segment in enumerate(self._segments):
             for channel, entries in self._entries(number, segment):
                 topic = by_channel[segment.file].get(channel)
@@ -98,6 +111,8 @@ class MessageIndex:
                     offsets.append(entries["offset"].astype(np.int64))
                     topic_numbers.append(np.full(entries.size, topic))
                     segments.append(np.full(entries.size, number))
+                    is_delta = channel in delta_channels[segment.file]
+                    are_deltas.append(np.full(entries.size, is_delta))
         empty = np.zeros(0, dtype=np.int64)
         all_times = np.concatenate([empty, *times])
         all_offsets = np.concatenate([empty, *offsets])
@@ -106,6 +121,7 @@ class MessageIndex:
         self.times: NDArray[np.int64] = all_times[order]
         self.topic_numbers = np.concatenate([empty, *topic_numbers])[order]
         self._offsets, self._segment_numbers = all_offsets[order], all_segments[order]
+        self._is_delta = np.concatenate([np.zeros(0, dtype=bool), *are_deltas])[order]
 
     @property
     def size(self) -> int:
@@ -125,11 +141,28 @@ class MessageIndex:
         return int(numbers[position - 1]) if position else None
 
     def read(self, number: int) -> bytes:
-        """Return the CDR bytes of a message.
+        """Return the CDR bytes of a message; of a map recorded as a delta, those of the map.
 
         Raises:
-            BagReadError: its chunk is damaged.
+            BagReadError: its chunk is damaged, or the keyframe of a delta is missing.
         """
+        data = self._read_recorded(number)
+        if not self._is_delta[number]:
+            return data
+        maps = self._by_topic[self.topic_numbers[number]]
+        keyframes = maps[(maps < number) & ~self._is_delta[maps]]
+        for keyframe in keyframes[: -_MAX_KEYFRAMES - 1 : -1]:
+            restored = apply_delta(self._read_recorded(int(keyframe)), data)
+            if restored is not None:
+                return restored
+        topic = self.topics[self.topic_numbers[number]]
+        raise BagReadError(
+            f"a map on {topic}, log time {self.times[number]} ns, is recorded as a difference from"
+            " another, which the bag lacks"
+        )
+
+    def _read_recorded(self, number: int) -> bytes:
+        """Return the CDR bytes of a message as recorded."""
         segment_number = int(self._segment_numbers[number])
         data = self._segment_data(segment_number)
         offset = int(self._offsets[number])

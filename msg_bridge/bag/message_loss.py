@@ -69,6 +69,18 @@ class MessageLossCounter:
         else:
             streams.add(data)
 
+    def add_dropped(self, topic: str, number: int) -> None:
+        """Count a message that was received and then dropped.
+
+        Its rows, if they are numbered, are missing rows like those that were not received.
+
+        Args:
+            topic, number: as of `add`.
+        """
+        if topic not in self._streams:
+            self._numbers[topic].add(number)
+            self._numbers[topic].lost += 1
+
     def update_publishers(self, topic: str, publishers: frozenset[bytes]) -> None:
         """Update the publishers of a topic from the ROS graph; to be called about every second."""
         self._numbers[topic].update_publishers(publishers)

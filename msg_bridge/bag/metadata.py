@@ -11,6 +11,7 @@ import yaml
 __all__ = [
     "INFINITE",
     "BagMetadata",
+    "FileMetadata",
     "OfferedQos",
     "TopicMetadata",
     "to_metadata_yaml",
@@ -79,21 +80,53 @@ class TopicMetadata:
 
 
 @dataclass(frozen=True)
-class BagMetadata:
-    """A bag of one file.
+class FileMetadata:
+    """A file of a bag.
 
     Attributes:
-        file: name of the file in the bag's folder.
+        name: its name in the bag's folder.
+        first, last: log times of its first and last message [ns]; None without messages.
+        count: number of its messages.
+    """
+
+    name: str
+    first: int | None
+    last: int | None
+    count: int
+
+    @property
+    def times(self) -> dict[str, Any]:
+        """Starting time and duration, as in metadata.yaml."""
+        start, length = INFINITE, 0
+        if self.first is not None and self.last is not None:
+            start, length = self.first, self.last - self.first
+        return {
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "duration": {"nanoseconds": length},
+        }
+
+
+@dataclass(frozen=True)
+class BagMetadata:
+    """A bag.
+
+    Attributes:
+        files: its files, in the order they were written.
         topics: its topics.
-        first, last: log times of the first and the last message [ns]; None without messages.
         custom: custom data, by name.
     """
 
-    file: str
+    files: tuple[FileMetadata, ...]
     topics: tuple[TopicMetadata, ...]
-    first: int | None
-    last: int | None
     custom: Mapping[str, str]
+
+    @property
+    def whole(self) -> FileMetadata:
+        """Times and number of messages of all files."""
+        first = [each.first for each in self.files if each.first is not None]
+        last = [each.last for each in self.files if each.last is not None]
+        count = sum(each.count for each in self.files)
+        return FileMetadata("", min(first, default=None), max(last, default=None), count)
 
 
 def to_qos_yaml(offered: Sequence[OfferedQos]) -> str:
@@ -103,25 +136,21 @@ def to_qos_yaml(offered: Sequence[OfferedQos]) -> str:
 
 def to_metadata_yaml(metadata: BagMetadata) -> str:
     """Return the content of metadata.yaml."""
-    count = sum(topic.count for topic in metadata.topics)
-    start, length = INFINITE, 0
-    if metadata.first is not None and metadata.last is not None:
-        start, length = metadata.first, metadata.last - metadata.first
-    times = {
-        "starting_time": {"nanoseconds_since_epoch": start},
-        "duration": {"nanoseconds": length},
-    }
+    whole = metadata.whole
     information = {
         "version": 9,
         "storage_identifier": "mcap",
-        **times,
-        "message_count": count,
+        **whole.times,
+        "message_count": whole.count,
         "topics_with_message_count": [_topic_entry(topic) for topic in metadata.topics],
         # Compression of files or messages; MCAP chunks have their own.
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [metadata.file],
-        "files": [{"path": metadata.file, **times, "message_count": count}],
+        "relative_file_paths": [each.name for each in metadata.files],
+        "files": [
+            {"path": each.name, **each.times, "message_count": each.count}
+            for each in metadata.files
+        ],
         "custom_data": dict(metadata.custom) or None,
         "ros_distro": "jazzy",
     }

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import heapq
 import importlib
-import re
+from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -20,6 +20,7 @@ from typing import Any
 import yaml
 from mcap.records import Channel, Message
 
+from msg_bridge.bag.bag_files import find_bag_files
 from msg_bridge.bag.bundled_types import BUNDLED_TYPES
 from msg_bridge.bag.legacy_messages import RecordedRun, upgrade_message
 from msg_bridge.bag.legacy_names import current_topic
@@ -31,6 +32,7 @@ from msg_bridge.bag.mcap_index import (
     read_records,
 )
 from msg_bridge.bag.message_index import MessageIndex
+from msg_bridge.bag.terrain_deltas import TerrainRestorer, map_topic_of_deltas
 from msg_bridge.contract import topics
 
 __all__ = ["BagReadError", "BagReader", "TopicInfo"]
@@ -60,7 +62,8 @@ class BagReader:
         namespace: namespace of the simulation that is read, empty for `/`.
         files: its MCAP files, in the order they were written.
         topics: type and number of messages of each topic, by its current name relative to the
-            namespace, with a leading `/`; only topics of CDR messages of ROS 2 types.
+            namespace, with a leading `/`; only topics of CDR messages of ROS 2 types. Terrain maps
+            recorded as deltas are messages of the topic of the maps.
         truncated: names of files without an end; what came after their last complete chunk is lost.
     """
 
@@ -77,7 +80,7 @@ class BagReader:
                 and no namespace.
         """
         self.path = Path(path)
-        self.files = _find_files(self.path)
+        self.files = find_bag_files(self.path)
         self._files = [index_file(number, file) for number, file in enumerate(self.files)]
         self.namespace = (self._find_simulation() if namespace is None else namespace).rstrip("/")
         self.truncated = tuple(file.path.name for file in self._files if not file.is_complete)
@@ -149,7 +152,7 @@ class BagReader:
             BagReadError: the bag is damaged.
         """
         known = sorted(set(topics) & set(self.topics))
-        return MessageIndex(self._files, self._topic_name, known)
+        return MessageIndex(self._files, self._topic_name, _has_deltas, known)
 
     @property
     def attachment_names(self) -> frozenset[str]:
@@ -213,8 +216,11 @@ class BagReader:
         is_ros2 = channel.message_encoding == "cdr" and channel.schema_id in file.schemas
         if not is_ros2 or not channel.topic.startswith(f"{self.namespace}/"):
             return None
-        name = channel.topic.removeprefix(self.namespace)
-        return current_topic(name, file.schemas[channel.schema_id].name)
+        name, kind = (
+            channel.topic.removeprefix(self.namespace),
+            file.schemas[channel.schema_id].name,
+        )
+        return map_topic_of_deltas(name, kind) or current_topic(name, kind)
 
     def _is_unreadable_copy(self, topic: str) -> bool:
         """Return whether a topic repeats others in a type that is not installed."""
@@ -263,29 +269,64 @@ class BagReader:
         return [(time, run) for time, run in configs if run is not None]
 
     def _merge_by_time(self, wanted: frozenset[str]) -> Iterator[tuple[str, int, bytes]]:
+        """Yield topic, log time and bytes of messages; maps recorded as deltas are restored."""
+        restorers: dict[str, TerrainRestorer] = defaultdict(TerrainRestorer)
+        with_deltas = {
+            name
+            for file in self._files
+            for channel in file.channels.values()
+            if _has_deltas(file, channel) and (name := self._topic_name(file, channel))
+        }
+        for time, topic, data, is_delta in self._merge_recorded(wanted):
+            if topic not in with_deltas:
+                yield topic, time, data
+            elif not is_delta:
+                restorers[topic].add_keyframe(data)
+                yield topic, time, data
+            else:
+                restored = restorers[topic].restore(data)
+                if restored is not None:  # else its keyframe is missing, as before a cut
+                    yield topic, time, restored
+
+    def _merge_recorded(self, wanted: frozenset[str]) -> Iterator[tuple[int, str, bytes, bool]]:
+        """Yield log time, topic and bytes of messages, and whether each is a delta of a map."""
         segments = sorted(segment for file in self._files for segment in file.segments)
-        pending: list[tuple[int, int, str, bytes]] = []  # heap of (time, order read, topic, data)
+        # Heap of time, order read, topic, data, whether it is a delta.
+        pending: list[tuple[int, int, str, bytes, bool]] = []
         num_read = 0
+        channels = [
+            {
+                each.id: (name, _has_deltas(file, each))
+                for each in file.channels.values()
+                if (name := self._topic_name(file, each)) in wanted and name is not None
+            }
+            for file in self._files
+        ]
         streams = [file.path.open("rb") for file in self._files]
         try:
             for segment in segments:
                 while pending and pending[0][0] < segment.start_ns:
-                    time, _, topic, data = heapq.heappop(pending)
-                    yield topic, time, data
+                    time, _, topic, data, is_delta = heapq.heappop(pending)
+                    yield time, topic, data, is_delta
                 file = self._files[segment.file]
                 for record in read_records(file, streams[segment.file], segment):
-                    if isinstance(record, Message):
-                        channel = file.channels.get(record.channel_id)
-                        name = None if channel is None else self._topic_name(file, channel)
-                        if name is not None and name in wanted:
-                            num_read += 1
-                            heapq.heappush(pending, (record.log_time, num_read, name, record.data))
+                    if isinstance(record, Message) and record.channel_id in channels[segment.file]:
+                        name, is_delta = channels[segment.file][record.channel_id]
+                        num_read += 1
+                        entry = (record.log_time, num_read, name, record.data, is_delta)
+                        heapq.heappush(pending, entry)
             while pending:
-                time, _, topic, data = heapq.heappop(pending)
-                yield topic, time, data
+                time, _, topic, data, is_delta = heapq.heappop(pending)
+                yield time, topic, data, is_delta
         finally:
             for stream in streams:
                 stream.close()
+
+
+def _has_deltas(file: McapFile, channel: Channel) -> bool:
+    """Return whether a channel of ROS 2 messages has maps as deltas."""
+    schema = file.schemas.get(channel.schema_id)
+    return schema is not None and map_topic_of_deltas(channel.topic, schema.name) is not None
 
 
 def _parse_run(text: str) -> RecordedRun | None:
@@ -295,47 +336,6 @@ def _parse_run(text: str) -> RecordedRun | None:
         return RecordedRun(int(run["run_id"]), float(run["tick_period"]))
     except (yaml.YAMLError, KeyError, TypeError, ValueError):
         return None
-
-
-def _find_files(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag, in the order they were written."""
-    if path.is_file():
-        return [path]
-    if not path.is_dir():
-        raise BagReadError(
-            f"there is no bag {path}; give an .mcap file or a folder that contains one"
-        )
-    metadata = path / "metadata.yaml"
-    if not metadata.is_file():  # it is written last, so not by a recorder that was killed
-        files = sorted(path.glob("*.mcap"), key=_natural_sort_key)
-        if not files:
-            raise BagReadError(f"{path} has neither metadata.yaml nor an .mcap file")
-        return files
-    try:
-        information = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]
-        storage = information["storage_identifier"]
-        names = list(information["relative_file_paths"])
-    except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
-        raise BagReadError(
-            f"{metadata} is not the metadata of a bag: {error!r}; give the .mcap file"
-        ) from error
-    if storage != "mcap":
-        raise BagReadError(f"{path} is stored as {storage}; convert it to mcap (ros2 bag convert)")
-    files = [path / str(name) for name in names]
-    missing = [file.name for file in files if not file.is_file()]
-    if missing or not files:
-        raise BagReadError(
-            f"{path} lacks {', '.join(missing) or 'any file'}, which its metadata.yaml names"
-        )
-    return files
-
-
-def _natural_sort_key(path: Path) -> list[tuple[int, str]]:
-    """Return a key that sorts bag_10 after bag_9."""
-    return [
-        (int(part or 0), "") if part.isdigit() else (0, part)
-        for part in re.split(r"(\d+)", path.name)
-    ]
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Write one bag: a folder with one MCAP file that is readable up to its last chunk at any time.
+"""Write one bag: a folder with MCAP files that are readable up to their last chunk at any time.
 
 Messages are collected in a chunk, which is written to the file at once when it is large enough or
 `flush` is called. A recorder that is killed loses only the current chunk. What `close` adds, the
@@ -8,28 +8,23 @@ index and metadata.yaml, makes reading faster and is required by `ros2 bag`.
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from io import FileIO
+from dataclasses import replace
 from pathlib import Path
 
-from mcap.records import Message
-
-from msg_bridge.bag.mcap_file import McapFileWriter
-from msg_bridge.bag.message_schemas import schema_text
+from msg_bridge.bag.atomic_file import BagError, write_error
+from msg_bridge.bag.bag_file import BagFile
 from msg_bridge.bag.message_schemas import type_hash as installed_type_hash
 from msg_bridge.bag.metadata import (
     BagMetadata,
+    FileMetadata,
     OfferedQos,
     TopicMetadata,
     to_metadata_yaml,
-    to_qos_yaml,
 )
-from msg_bridge.contract.errors import EarthmovingError
 
-__all__ = ["CHUNK_SIZE", "COMPRESSIONS", "BagError", "BagWriter"]
+__all__ = ["CHUNK_SIZE", "COMPRESSIONS", "BagError", "BagWriter", "write_metadata"]
 
 CHUNK_SIZE = 1 << 20
 """Approximate size of a chunk before compression [bytes]. Larger ones compress no better; a reader
@@ -45,38 +40,20 @@ ground 2.8 times smaller at about 3 ms of CPU time per megabyte, lz4 2.0 times a
 Terrain maps are most of a bag, some MB/s: with zstd that is a few percent of one core, and a disk
 stores a third more."""
 
-_DISK_FULL_ERRNOS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-_SEQUENCE_MODULUS = 2**32
-
-
-class BagError(EarthmovingError):
-    """A bag cannot be written to the given path."""
-
-
-@dataclass
-class _Topic:
-    """A topic and the number of its messages so far."""
-
-    channel: int
-    type_name: str
-    type_hash: str
-    offered: tuple[OfferedQos, ...]
-    count: int = 0
-
 
 class BagWriter:
     """A bag being written.
 
     Attributes:
         folder: its folder.
-        file: its MCAP file.
         messages: number of messages so far, those of the current chunk included.
+        num_files: number of its files so far.
     """
 
     def __init__(
         self, folder: Path, *, compression: str = "zstd", chunk_size: int = CHUNK_SIZE
     ) -> None:
-        """Create the folder and the file.
+        """Create the folder and the first file.
 
         Args:
             folder: may exist if it is empty; its parents are created.
@@ -89,40 +66,44 @@ class BagWriter:
         if compression not in COMPRESSIONS:
             raise BagError(f"compression is {compression!r}; give one of {', '.join(COMPRESSIONS)}")
         self.folder = Path(os.path.abspath(folder))
-        self.file = self.folder / f"{self.folder.name}_0.mcap"
         self.messages = 0
-        self._topics: dict[str, _Topic] = {}
-        self._schemas: dict[str, int] = {}
-        self._first: int | None = None
-        self._last = 0
+        self.num_files = 0
+        self._compression, self._chunk_size = COMPRESSIONS[compression], chunk_size
+        self._topics: dict[str, TopicMetadata] = {}
+        self._counts: dict[str, int] = {}  # of messages by topic
+        self._completed: list[FileMetadata] = []
+        self._completed_size = 0  # bytes
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             existing = next(self.folder.iterdir(), None)
         except OSError as error:
-            raise _to_bag_error(self.folder, error) from error
+            raise write_error(self.folder, error) from error
         if existing is not None:
             raise BagError(
                 f"{self.folder} is not empty (it has {existing.name}); give another path, or move"
                 " its content away"
             )
-        self._stream = _AtomicFile(self.file)
-        self._mcap = McapFileWriter(
-            self._stream,
-            profile="ros2",
-            library="earthmoving_sim",
-            compression=COMPRESSIONS[compression],
-            chunk_size=chunk_size,
-        )
+        self._file = self._begin_file()
+
+    @property
+    def file(self) -> Path:
+        """The MCAP file that is being written."""
+        return self._file.path
+
+    @property
+    def file_size(self) -> int:
+        """Size of that file [bytes], without the current chunk."""
+        return self._file.size
 
     @property
     def size(self) -> int:
-        """Size of the file [bytes], without the current chunk."""
-        return self._stream.tell()
+        """Size of all files [bytes], without the current chunk."""
+        return self._completed_size + self._file.size
 
     @property
     def has_failed(self) -> bool:
         """Whether a write failed; nothing more can be written then."""
-        return self._stream.has_failed
+        return self._file.has_failed
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -152,13 +133,10 @@ class BagWriter:
         if topic in self._topics:
             raise BagError(f"{topic} was already added to the bag; add each topic once")
         type_hash = advertised_hash or installed_type_hash(type_name)
-        if type_name not in self._schemas:
-            text = schema_text(type_name).encode()
-            self._schemas[type_name] = self._mcap.add_schema(type_name, "ros2msg", text)
-        unique = tuple(dict.fromkeys(offered))
-        metadata = {"offered_qos_profiles": to_qos_yaml(unique), "topic_type_hash": type_hash}
-        channel = self._mcap.add_channel(topic, self._schemas[type_name], metadata)
-        self._topics[topic] = _Topic(channel, type_name, type_hash, unique)
+        entry = TopicMetadata(topic, type_name, type_hash, tuple(dict.fromkeys(offered)), 0)
+        self._file.add_topic(entry)
+        self._topics[topic] = entry
+        self._counts[topic] = 0
 
     def write(
         self, topic: str, data: bytes, log_time: int, publish_time: int, sequence: int = 0
@@ -174,14 +152,9 @@ class BagWriter:
         Raises:
             BagError: the bag cannot be written.
         """
-        entry = self._topics[topic]
-        self._mcap.add_message(
-            Message(entry.channel, log_time, data, publish_time, sequence % _SEQUENCE_MODULUS)
-        )
-        entry.count += 1
+        self._file.write(topic, data, log_time, publish_time, sequence)
+        self._counts[topic] += 1
         self.messages += 1
-        self._first = log_time if self._first is None else min(self._first, log_time)
-        self._last = max(self._last, log_time)
 
     def attach(self, name: str, media_type: str, data: bytes, time: int) -> None:
         """Add a file as an attachment, at once; arguments are as of `McapFileWriter`.
@@ -189,7 +162,7 @@ class BagWriter:
         Raises:
             BagError: the bag cannot be written.
         """
-        self._mcap.add_attachment(name, media_type, data, time)
+        self._file.attach(name, media_type, data, time)
 
     def flush(self) -> None:
         """Write the current chunk to the file, so that it is not lost if the process is killed.
@@ -197,7 +170,20 @@ class BagWriter:
         Raises:
             BagError: the bag cannot be written.
         """
-        self._mcap.write_chunk()
+        self._file.flush()
+
+    def split(self) -> None:
+        """Finish the current file and begin the next, which has all topics too.
+
+        Raises:
+            BagError: the bag cannot be written.
+        """
+        self._file.close()
+        self._completed.append(self._file.metadata)
+        self._completed_size += self._file.size
+        self._file = self._begin_file()
+        for topic in self._topics.values():
+            self._file.add_topic(topic)
 
     def close(self, custom: Mapping[str, str] | None = None) -> None:
         """Finish the file and write metadata.yaml; a second call does nothing.
@@ -210,88 +196,41 @@ class BagWriter:
         Raises:
             BagError: the bag cannot be written.
         """
-        if self._stream.closed:
+        if self._file.closed:
             return
-        try:
-            if not self._stream.has_failed:
-                self._mcap.finish()
-        finally:
-            self._stream.close()
-        if not self._stream.has_failed:
-            self._write_metadata(to_metadata_yaml(self._build_metadata(custom or {})))
+        self._file.close()
+        if not self._file.has_failed:
+            metadata = BagMetadata(
+                files=(*self._completed, self._file.metadata),
+                topics=tuple(
+                    replace(each, count=self._counts[each.name]) for each in self._topics.values()
+                ),
+                custom=custom or {},
+            )
+            write_metadata(self.folder, metadata)
 
-    def _build_metadata(self, custom: Mapping[str, str]) -> BagMetadata:
-        topics = tuple(
-            TopicMetadata(name, each.type_name, each.type_hash, each.offered, each.count)
-            for name, each in self._topics.items()
-        )
-        return BagMetadata(
-            file=self.file.name,
-            topics=topics,
-            first=self._first,
-            last=None if self._first is None else self._last,
-            custom=custom,
-        )
-
-    def _write_metadata(self, text: str) -> None:
-        path = self.folder / "metadata.yaml"
-        part = path.with_suffix(".part")
-        try:
-            part.write_text(text, encoding="utf-8")
-            part.replace(path)  # atomically, so that readers never find an incomplete file
-        except OSError as error:
-            with contextlib.suppress(OSError):
-                part.unlink(missing_ok=True)
-            raise _to_bag_error(path, error) from error
+    def _begin_file(self) -> BagFile:
+        path = self.folder / f"{self.folder.name}_{self.num_files}.mcap"
+        self.num_files += 1
+        return BagFile(path, compression=self._compression, chunk_size=self._chunk_size)
 
 
-class _AtomicFile:
-    """An unbuffered file in which each write succeeds completely or leaves no trace.
+def write_metadata(folder: Path, metadata: BagMetadata) -> None:
+    """Write metadata.yaml, atomically, so that readers never find an incomplete file.
 
-    Attributes:
-        has_failed: whether a write failed; the file ends with the one before.
+    Args:
+        folder: folder of the bag.
+        metadata: its content.
+
+    Raises:
+        BagError: it cannot be written.
     """
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._size = 0
-        self.has_failed = False
-        try:
-            self._raw = FileIO(path, "xb")
-        except OSError as error:
-            raise _to_bag_error(path, error) from error
-
-    @property
-    def closed(self) -> bool:
-        return self._raw.closed
-
-    def write(self, data: bytes) -> int:
-        if self.has_failed:
-            raise BagError(f"an earlier write to {self._path} failed; start another bag")
-        remaining = memoryview(data)
-        try:
-            while remaining:
-                remaining = remaining[self._raw.write(remaining) :]
-        except OSError as error:
-            self.has_failed = True
-            with contextlib.suppress(OSError):
-                self._raw.truncate(self._size)
-            raise _to_bag_error(self._path, error) from error
-        self._size += len(data)
-        return len(data)
-
-    def tell(self) -> int:
-        return self._size
-
-    def close(self) -> None:
-        self._raw.close()
-
-
-def _to_bag_error(path: Path, error: OSError) -> BagError:
-    reason = error.strerror or str(error)
-    if error.errno in _DISK_FULL_ERRNOS:
-        return BagError(
-            f"there is no disk space for {path} ({reason}); free some, or record elsewhere. What"
-            " was recorded before can be read"
-        )
-    return BagError(f"{path} cannot be written ({reason}); give a writable path")
+    path = folder / "metadata.yaml"
+    part = path.with_suffix(".part")
+    try:
+        part.write_text(to_metadata_yaml(metadata), encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            part.unlink(missing_ok=True)
+        raise write_error(path, error) from error

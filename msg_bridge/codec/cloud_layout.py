@@ -23,7 +23,14 @@ from msg_bridge.codec.cdr_primitives import (
 )
 from msg_bridge.codec.point_cloud import point_fields
 
-__all__ = ["CloudField", "CloudLayout", "RowBlock", "layout_of_dtype", "read_cloud_layout"]
+__all__ = [
+    "CloudField",
+    "CloudLayout",
+    "PointBlock",
+    "RowBlock",
+    "layout_of_dtype",
+    "read_cloud_layout",
+]
 
 _FRAME_ID_OFFSET = 4 + STAMP.size  # after the CDR header and the stamp
 _SHAPE = struct.Struct("<II")  # height, width
@@ -54,9 +61,17 @@ class RowBlock(NamedTuple):
     num_rows: int
 
 
+class PointBlock(NamedTuple):
+    """The points of a message: offset in its CDR bytes, and height and width of the cloud."""
+
+    offset: int
+    height: int
+    width: int
+
+
 @dataclass(frozen=True)
 class CloudLayout:
-    """Layout of the rows of little-endian clouds of height 1.
+    """Layout of the rows, or points, of little-endian clouds.
 
     Attributes:
         fields: the fields of a row.
@@ -78,11 +93,20 @@ class CloudLayout:
         return b"".join([*parts, b"\0\0\0\0", UINT32.pack(self.step)])  # is_bigendian: false
 
     def find_rows(self, data: bytes) -> RowBlock | None:
-        """Return where the rows of a serialised message are.
+        """Return where the rows of a serialised message of height 1 are.
 
         Returns:
-            None if the message has another layout, sizes that contradict one another, or is cut
-            short.
+            None if the message has another layout or height, sizes that contradict one another, or
+            is cut short.
+        """
+        block = self.find_points(data)
+        return None if block is None or block.height != 1 else RowBlock(block.offset, block.width)
+
+    def find_points(self, data: bytes) -> PointBlock | None:
+        """Return where the points of a serialised message of any height are.
+
+        Returns:
+            None, as of `find_rows`.
         """
         expected, mask = self._pattern
         try:
@@ -97,10 +121,10 @@ class CloudLayout:
         except struct.error:
             return None
         first = end + _ROW_STEP_AND_SIZE.size
-        is_consistent = height == 1 and size == row_step == width * self.step
-        if not is_consistent or len(data) <= first + size:  # is_dense follows the rows
+        is_consistent = row_step == width * self.step and size == row_step * height
+        if not is_consistent or len(data) <= first + size:  # is_dense follows the points
             return None
-        return RowBlock(first, width)
+        return PointBlock(first, height, width)
 
     @cached_property
     def _pattern(self) -> tuple[int, int]:

@@ -11,11 +11,11 @@ from pathlib import Path
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
-from msg_bridge.bag.writer import BagWriter
 from msg_bridge.codec.run_config import parse_input_files
 from msg_bridge.contract import topics
 from msg_bridge.contract.input_files import InputFile
 from msg_bridge.raw_topics.received_message import ReceivedMessage
+from msg_bridge.recorder.background_writer import BackgroundWriter
 
 __all__ = ["InputFileRecording", "media_type"]
 
@@ -39,7 +39,7 @@ class InputFileRecording:
         missing: parameter and path of each file that is missing from the bag.
     """
 
-    def __init__(self, writer: BagWriter) -> None:
+    def __init__(self, writer: BackgroundWriter) -> None:
         """
         Args:
             writer: the bag.

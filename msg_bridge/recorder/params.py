@@ -35,6 +35,44 @@ class RecorderParams(Parameters):
         low=0.0,
         high=1e6,
     )
+    terrain_keyframe_period: float = parameter(
+        20.0,
+        "period at which a terrain map is written in full; in between, as its difference from that"
+        " one; 0: each in full",
+        unit="s",
+        low=0.0,
+        high=1e6,
+    )
+    max_bagfile_size: int = parameter(
+        0,
+        "size of a file from which on another one is begun; 0: one file",
+        unit="bytes",
+        low=0,
+        high=1 << 50,
+    )
+    max_bagfile_duration: float = parameter(
+        0.0,
+        "log time after which another file is begun; 0: one file",
+        unit="s",
+        low=0.0,
+        high=1e9,
+    )
+    flush_period: float = parameter(
+        1.0,
+        "wall time after which what was received is in the file, so that a killed recorder leaves"
+        " it there",
+        unit="s",
+        low=0.05,
+        high=3600.0,
+    )
+    max_queue_size: int = parameter(
+        1 << 28,
+        "size of the messages that wait for a slow disk, above which messages are dropped and"
+        " counted as lost",
+        unit="bytes",
+        low=1 << 20,
+        high=1 << 40,
+    )
     make_tf: bool = parameter(
         True,
         "record /tf made from <m>/transforms where no node publishes it, as without tf2_msgs",

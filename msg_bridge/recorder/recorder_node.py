@@ -35,6 +35,7 @@ from msg_bridge.raw_topics.raw_subscriptions import (
 )
 from msg_bridge.raw_topics.received_message import ReceivedMessage
 from msg_bridge.raw_topics.tf_from_transforms import TF_QOS, TfFromTransforms
+from msg_bridge.recorder.background_writer import BackgroundWriter
 from msg_bridge.recorder.params import RecorderParams
 from msg_bridge.recorder.recording import BagRecording
 from msg_bridge.recorder.usage import USAGE
@@ -75,7 +76,7 @@ class RecorderNode(Node):
         writer = BagWriter(
             params.folder, compression=params.compression, chunk_size=params.chunk_size
         )
-        self.recording = BagRecording(writer, params.repeat_transient_local_period)
+        self.recording = BagRecording(BackgroundWriter(writer, params.max_queue_size), params)
         self._clock_topic = self.resolve_topic_name(topics.CLOCK)
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._graph_topics = GraphTopics(
@@ -120,6 +121,7 @@ class RecorderNode(Node):
         periods = [
             (_POLL_PERIOD, self._poll),
             (self._params.scan_period, self._graph_topics.scan),
+            (self._params.flush_period, self.recording.flush),
             (_REPORT_PERIOD, self._publish_status),
         ]
         if self._params.progress:
@@ -223,8 +225,7 @@ class RecorderNode(Node):
     # Reporting.
 
     def _publish_status(self) -> None:
-        """Publish the status, after all recorded messages are in the file."""
-        self.recording.flush()
+        """Publish the status."""
         self._status.publish(String(data=json.dumps(self.recording.status())))
 
     def _find_waits(self) -> list[Wait]:
@@ -246,6 +247,8 @@ class RecorderNode(Node):
             "messages",
             "bytes",
             "bytes_on_disk",
+            "bytes_queued",
+            "files",
             "num_lost",
             "input_files",
         ):

@@ -10,9 +10,17 @@ from typing import Any
 
 from msg_bridge.bag.message_loss import MessageLossCounter
 from msg_bridge.bag.metadata import OfferedQos
-from msg_bridge.bag.writer import BagWriter
+from msg_bridge.bag.terrain_deltas import (
+    CLOUD_TYPE,
+    deltas_topic,
+    is_map_topic,
+    map_topic_of_deltas,
+)
 from msg_bridge.raw_topics.received_message import ReceivedMessage, TransientLocalHistory
+from msg_bridge.recorder.background_writer import BackgroundWriter
 from msg_bridge.recorder.input_files import InputFileRecording
+from msg_bridge.recorder.params import RecorderParams
+from msg_bridge.recorder.terrain_recording import TerrainRecording
 
 __all__ = ["FORMAT_VERSION", "BagRecording"]
 
@@ -42,8 +50,8 @@ class BagRecording:
 
     def __init__(
         self,
-        writer: BagWriter,
-        repeat_transient_local_period: float,
+        writer: BackgroundWriter,
+        params: RecorderParams,
         *,
         now: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -51,8 +59,7 @@ class BagRecording:
 
         Args:
             writer: the bag.
-            repeat_transient_local_period: log time after which transient-local messages are
-                written again [s]; 0 for never.
+            params: what is repeated, and when a file is complete.
             now: a monotonic clock [s], for rates.
         """
         self.loss_counter = MessageLossCounter()
@@ -60,15 +67,20 @@ class BagRecording:
         self.messages = 0
         self.num_bytes = 0
         self._writer = writer
-        self._repeat_period = round(repeat_transient_local_period * _NANO)
+        self._repeat_period = round(params.repeat_transient_local_period * _NANO)
+        self._keyframe_period = round(params.terrain_keyframe_period * _NANO)
+        self._max_size = params.max_bagfile_size
+        self._max_duration = round(params.max_bagfile_duration * _NANO)
+        self._file_start: int | None = None  # log time of the first message of the file [ns]
         self._transient_local: dict[str, _RepeatedTopic] = {}
+        self._terrain: dict[str, TerrainRecording] = {}
         self._now = now
         self._rate_state = (now(), 0, 0.0)  # time [s], bytes then, last rate [bytes/s]
 
     @property
     def path(self) -> str:
         """The bag's folder."""
-        return str(self._writer.folder)
+        return self._writer.path
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -87,6 +99,10 @@ class BagRecording:
         self._writer.add_topic(topic, type_name, offered, type_hash)
         self.loss_counter.add_topic(topic, type_name)
         self.input_files.add_topic(topic, type_name)
+        if self._keyframe_period and is_map_topic(topic, type_name):
+            self._terrain[topic] = TerrainRecording(self._keyframe_period)
+        # A bag that is played: its own deltas need full maps.
+        self._terrain.pop(map_topic_of_deltas(topic, type_name) or "", None)
 
     def update_publishers(
         self, topic: str, publishers: frozenset[bytes], *, transient_local: bool
@@ -99,7 +115,7 @@ class BagRecording:
             transient_local: whether all of them are transient local.
         """
         self.loss_counter.update_publishers(topic, publishers)
-        if transient_local and self._repeat_period:
+        if transient_local:
             repeated = self._transient_local.setdefault(
                 topic, _RepeatedTopic(TransientLocalHistory(topic))
             )
@@ -117,7 +133,10 @@ class BagRecording:
         Raises:
             BagError: the bag cannot be written.
         """
-        self._write(message, log_time)
+        self._split_if_due(log_time)
+        if not self._write_map_or_message(message, log_time):
+            self.loss_counter.add_dropped(message.topic, message.sequence_number)
+            return
         self.input_files.add_message(message, log_time)
         self.messages += 1
         self.num_bytes += len(message.data)
@@ -131,6 +150,7 @@ class BagRecording:
         """Write transient-local messages again that were not written for one period.
 
         They keep their publish time and sequence number, which distinguishes them from new ones.
+        Terrain maps have the period of their keyframes.
 
         Args:
             log_time: the current log time [ns].
@@ -138,21 +158,65 @@ class BagRecording:
         Raises:
             BagError: the bag cannot be written.
         """
-        for repeated in self._transient_local.values():
-            # A reset of the simulation time counts as an elapsed period.
-            if 0 <= log_time - repeated.last_write_time < self._repeat_period:
-                continue
-            for message in repeated.history.messages:
-                self._write(message, log_time)
-            repeated.last_write_time = log_time
+        if not self._repeat_period:
+            return
+        for topic, repeated in self._transient_local.items():
+            terrain = self._terrain.get(topic)
+            elapsed = log_time - repeated.last_write_time
+            is_due = (
+                # A reset of the simulation time counts as an elapsed period.
+                not 0 <= elapsed < self._repeat_period
+                if terrain is None
+                else terrain.is_keyframe_due(log_time)
+            )
+            if is_due:
+                self._repeat(repeated, log_time)
 
-    def _write(self, message: ReceivedMessage, log_time: int) -> None:
-        self._writer.write(
+    def _repeat(self, repeated: _RepeatedTopic, log_time: int) -> None:
+        for message in repeated.history.messages:
+            self._write_message(message, log_time)
+        repeated.last_write_time = log_time
+
+    def _split_if_due(self, log_time: int) -> None:
+        """Begin another file if the current one is large or long enough."""
+        if self._file_start is None:
+            self._file_start = log_time
+        is_full = bool(self._max_size) and self._writer.file_size >= self._max_size
+        duration = log_time - self._file_start
+        is_long = bool(self._max_duration) and not 0 <= duration < self._max_duration
+        if not is_full and not is_long:
+            return
+        self._writer.split()
+        self._file_start = log_time
+        for terrain in self._terrain.values():
+            terrain.begin_file()
+        # Each file is readable without those before.
+        for repeated in self._transient_local.values():
+            self._repeat(repeated, log_time)
+
+    def _write_map_or_message(self, message: ReceivedMessage, log_time: int) -> bool:
+        """Write a message, a terrain map as a delta if it can be; return whether it is queued."""
+        terrain = self._terrain.get(message.topic)
+        delta = None if terrain is None else terrain.delta(message.data, log_time)
+        if delta is None:
+            return self._write_message(message, log_time)
+        topic = deltas_topic(message.topic)
+        if topic not in self._writer.topics:
+            self._writer.add_topic(topic, CLOUD_TYPE, [OfferedQos()], None)
+        return self._write_message(message._replace(topic=topic, data=delta), log_time)
+
+    def _write_message(self, message: ReceivedMessage, log_time: int) -> bool:
+        """Write a message in full; return whether it is queued."""
+        is_queued = self._writer.write(
             message.topic, message.data, log_time, message.source_time, message.sequence_number
         )
+        terrain = self._terrain.get(message.topic)
+        if is_queued and terrain is not None:
+            terrain.add_keyframe(message.data, log_time)
+        return is_queued
 
     def flush(self) -> None:
-        """Move all written messages to the file.
+        """Have all written messages moved to the file.
 
         Raises:
             BagError: the bag cannot be written.
@@ -177,6 +241,8 @@ class BagRecording:
         - `path`: folder of the bag
         - `topics`, `messages`, `bytes`: number of recorded topics, messages and bytes
         - `bytes_on_disk`: size of the bag so far, in which messages are compressed [bytes]
+        - `bytes_queued`: size of the messages that wait for the disk [bytes]
+        - `files`: number of the bag's files
         - `num_lost`: number of lost messages, or rows where rows are numbered
         - `lost`: the same by topic, of topics with losses
         - `uncounted`: topics with several publishers, whose losses cannot be counted
@@ -189,6 +255,8 @@ class BagRecording:
             "messages": self.messages,
             "bytes": self.num_bytes,
             "bytes_on_disk": self._writer.size,
+            "bytes_queued": self._writer.queue_size,
+            "files": self._writer.num_files,
             "num_lost": self.loss_counter.total,
             "lost": self.loss_counter.lost,
             "uncounted": self.loss_counter.uncounted,

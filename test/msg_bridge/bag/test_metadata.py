@@ -6,6 +6,7 @@ from rosbags.rosbag2.metadata import parse_qos
 
 from msg_bridge.bag.metadata import (
     BagMetadata,
+    FileMetadata,
     OfferedQos,
     TopicMetadata,
     to_metadata_yaml,
@@ -80,7 +81,8 @@ START = 1_700_000_000_000_000_000
 
 
 def bag_metadata(*topics, first=START, last=START + 250, custom=None) -> BagMetadata:
-    return BagMetadata("dig_0.mcap", topics, first, last, custom or {})
+    count = sum(topic.count for topic in topics)
+    return BagMetadata((FileMetadata("dig_0.mcap", first, last, count),), topics, custom or {})
 
 
 def test_content_equals_that_of_rosbag2():

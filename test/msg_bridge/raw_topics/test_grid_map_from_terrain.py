@@ -63,7 +63,12 @@ def counts(folder) -> dict[str, int]:
 
 
 def test_grid_maps_are_a_period_of_simulation_time_apart(ros, recorder, tmp_path):
-    node = recorder(include=SELECTED, grid_map_period=10.0, repeat_transient_local_period=0.0)
+    node = recorder(
+        include=SELECTED,
+        grid_map_period=10.0,
+        repeat_transient_local_period=0.0,
+        terrain_keyframe_period=0.0,
+    )
     record(ros, node, [1.0, 2.0, 10.9, 11.0, 20.0, 0.5])  # the last after a reset
     assert counts(tmp_path / "dig") == {"/terrain/map": 6, "/terrain/grid_map": 3}
 

@@ -1,0 +1,60 @@
+"""The MCAP files of a bag."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import yaml
+
+from msg_bridge.bag.mcap_index import BagReadError
+
+__all__ = ["find_bag_files", "natural_sort_key"]
+
+
+def find_bag_files(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag, in the order they were written.
+
+    Args:
+        path: folder of the bag, with or without metadata.yaml, or a file.
+
+    Raises:
+        BagReadError: there are none, or metadata.yaml is not readable or names others.
+    """
+    if path.is_file():
+        return [path]
+    if not path.is_dir():
+        raise BagReadError(
+            f"there is no bag {path}; give an .mcap file or a folder that contains one"
+        )
+    metadata = path / "metadata.yaml"
+    if not metadata.is_file():  # it is written last, so not by a recorder that was killed
+        files = sorted(path.glob("*.mcap"), key=natural_sort_key)
+        if not files:
+            raise BagReadError(f"{path} has neither metadata.yaml nor an .mcap file")
+        return files
+    try:
+        information = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]
+        storage = information["storage_identifier"]
+        names = list(information["relative_file_paths"])
+    except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
+        raise BagReadError(
+            f"{metadata} is not the metadata of a bag: {error!r}; give the .mcap file"
+        ) from error
+    if storage != "mcap":
+        raise BagReadError(f"{path} is stored as {storage}; convert it to mcap (ros2 bag convert)")
+    files = [path / str(name) for name in names]
+    missing = [file.name for file in files if not file.is_file()]
+    if missing or not files:
+        raise BagReadError(
+            f"{path} lacks {', '.join(missing) or 'any file'}, which its metadata.yaml names"
+        )
+    return files
+
+
+def natural_sort_key(path: Path) -> list[tuple[int, str]]:
+    """Return a key that sorts bag_10 after bag_9."""
+    return [
+        (int(part or 0), "") if part.isdigit() else (0, part)
+        for part in re.split(r"(\d+)", path.name)
+    ]
