@@ -92,12 +92,21 @@ class McapFileWriter:
         schema.write(self._chunk)
         return schema.id
 
-    def add_channel(self, topic: str, schema: int, metadata: Mapping[str, str]) -> int:
-        """Add a channel of CDR messages and return its id."""
+    def add_channel(
+        self, topic: str, schema: int, metadata: Mapping[str, str], encoding: str = "cdr"
+    ) -> int:
+        """Add a channel and return its id.
+
+        Args:
+            topic: name of its topic.
+            schema: id of the schema of its messages; 0 without one.
+            metadata: values by name.
+            encoding: of its messages.
+        """
         channel = Channel(
             id=len(self._channels) + 1,
             topic=topic,
-            message_encoding="cdr",
+            message_encoding=encoding,
             metadata=dict(metadata),
             schema_id=schema,
         )

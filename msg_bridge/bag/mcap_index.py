@@ -30,6 +30,7 @@ __all__ = [
     "McapFile",
     "damage",
     "index_file",
+    "parse_attachment",
     "read_attachment",
     "read_records",
 ]
@@ -132,7 +133,7 @@ def damage(path: Path, offset: int, error: Exception) -> BagReadError:
     """
     reason = f"{type(error).__name__}: {error}".rstrip(": ")  # that of a short record has no text
     return BagReadError(
-        f"{path} is damaged at byte {offset}: {reason}; `mcap recover` saves the rest"
+        f"{path} is damaged at byte {offset}: {reason}; `earthmoving recover` saves the rest"
     )
 
 
@@ -199,14 +200,23 @@ def read_attachment(file: McapFile, name: str) -> bytes:
         with file.path.open("rb") as stream:
             stream.seek(place.offset)
             content = stream.read(place.length)
-        attachment = Attachment.read(ReadDataStream(BytesIO(content)))
-        # The checksum is over all of the content before it; 0: there is none.
-        (checksum,) = _CHECKSUM.unpack(content[-_CHECKSUM.size :])
-        if checksum and checksum != zlib.crc32(content[: -_CHECKSUM.size]):
-            raise ValueError("its checksum is wrong")
+        return bytes(parse_attachment(content).data)
     except Exception as error:
         raise damage(file.path, place.offset, error) from error
-    return bytes(attachment.data)
+
+
+def parse_attachment(content: bytes) -> Attachment:
+    """Return the attachment in the content of a record.
+
+    Raises:
+        ValueError: its checksum is wrong; or other errors, depending on the damage.
+    """
+    attachment: Attachment = Attachment.read(ReadDataStream(BytesIO(content)))
+    # The checksum is over all of the content before it; 0: there is none.
+    (checksum,) = _CHECKSUM.unpack(content[-_CHECKSUM.size :])
+    if checksum and checksum != zlib.crc32(content[: -_CHECKSUM.size]):
+        raise ValueError("its checksum is wrong")
+    return attachment
 
 
 def _count_messages(file: McapFile, stream: IO[bytes]) -> None:

@@ -14,6 +14,7 @@ __all__ = [
     "FileMetadata",
     "OfferedQos",
     "TopicMetadata",
+    "from_qos_yaml",
     "to_metadata_yaml",
     "to_qos_yaml",
 ]
@@ -22,6 +23,13 @@ INFINITE = 2**63 - 1
 """An infinite duration [ns]; also the starting time of a bag without messages."""
 
 _NANO = 10**9
+
+_DURATIONS = {
+    "deadline": "deadline",
+    "lifespan": "lifespan",
+    "lease": "liveliness_lease_duration",
+}
+"""Keys of the durations in YAML, by attribute."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +142,19 @@ def to_qos_yaml(offered: Sequence[OfferedQos]) -> str:
     return _dump([each.to_dict() for each in offered])
 
 
+def from_qos_yaml(text: str) -> tuple[OfferedQos, ...]:
+    """Return the QoS in the value of `offered_qos_profiles` of an MCAP channel.
+
+    What an entry lacks, or has as numbers (ROS 2 Humble and before), has its default. A text that
+    is no such list gives none.
+    """
+    try:
+        entries = yaml.safe_load(text) or []
+    except yaml.YAMLError:
+        return ()
+    return tuple(_parse_qos(each) for each in entries if isinstance(each, dict))
+
+
 def to_metadata_yaml(metadata: BagMetadata) -> str:
     """Return the content of metadata.yaml."""
     whole = metadata.whole
@@ -168,6 +189,22 @@ def _topic_entry(topic: TopicMetadata) -> dict[str, Any]:
         },
         "message_count": topic.count,
     }
+
+
+def _parse_qos(entry: Mapping[str, Any]) -> OfferedQos:
+    texts = {
+        key: entry[key]
+        for key in ("reliability", "durability", "history", "liveliness")
+        if isinstance(entry.get(key), str)
+    }
+    depth = entry.get("depth")
+    durations = {
+        name: duration["sec"] * _NANO + duration["nsec"]
+        for name, key in _DURATIONS.items()
+        if isinstance(duration := entry.get(key), dict)
+        and all(isinstance(duration.get(part), int) for part in ("sec", "nsec"))
+    }
+    return OfferedQos(**texts, depth=depth if isinstance(depth, int) else 0, **durations)
 
 
 def _duration_entry(nanoseconds: int) -> dict[str, int]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
+import sys
 import zlib
 from collections import Counter
 from pathlib import Path
@@ -10,6 +13,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap.records import Channel, DataEnd, Footer, McapRecord, Schema, Statistics, SummaryOffset
 from mcap.stream_reader import StreamReader
+from rclpy.serialization import serialize_message
+from std_msgs.msg import String
 
 from msg_bridge.bag.writer import BagWriter
 
@@ -35,6 +40,26 @@ def file(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
             writer.attach(name, "application/yaml", data, 7)
     writer.close()
     return writer.file
+
+
+def test_independent_validator_has_no_complaint(tmp_path: Path) -> None:
+    """`pymcap-cli doctor` ends with 1 if it finds errors, and names warnings."""
+    writer = BagWriter(tmp_path / "dig", chunk_size=1000)
+    writer.attach("a/soils.yaml", "application/yaml", b"loam: {}", 7)
+    writer.add_topic("/early", "std_msgs/msg/String")
+    for i in range(100):
+        if i == 50:
+            writer.split()
+            writer.add_topic("/late", "std_msgs/msg/String")
+        data = serialize_message(String(data=f"text {i}"))
+        writer.write("/late" if i >= 60 else "/early", data, 1000 + i, 1000 + i, i)
+    writer.close()
+    doctor = Path(sys.executable).with_name("pymcap-cli")
+    for file in sorted((tmp_path / "dig").glob("*.mcap")):
+        done = subprocess.run([doctor, "doctor", file], capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout
+        assert "passed MCAP doctor checks" in done.stdout
+        assert not re.search("(?i)warning|error", done.stdout), done.stdout
 
 
 def sections(file: Path) -> tuple[list[McapRecord], list[McapRecord], Footer]:

@@ -1,0 +1,299 @@
+"""Write what can be read of a bag as another bag."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap.records import Attachment, Channel, Message, Schema
+
+from msg_bridge.bag.atomic_file import AtomicFile, BagError, write_error
+from msg_bridge.bag.bag_files import natural_sort_key
+from msg_bridge.bag.mcap_file import McapFileWriter
+from msg_bridge.bag.mcap_index import BagReadError
+from msg_bridge.bag.metadata import BagMetadata, FileMetadata, TopicMetadata, from_qos_yaml
+from msg_bridge.bag.writer import CHUNK_SIZE, COMPRESSIONS, write_metadata
+from msg_bridge.bag_recovery.salvage import Damage, SalvagedFile
+
+__all__ = ["RecoveredBag", "RecoveredFile", "recover_bag"]
+
+_PROGRESS_STEP = 0.01
+
+
+@dataclass
+class RecoveredFile:
+    """What was read of a file.
+
+    Attributes:
+        path: the file.
+        messages: number of its messages, with those of a chunk in which the file ends.
+        num_cut_off: number of messages from such a chunk.
+        num_without_channel: number of messages left out because their channel is lost.
+        is_complete: whether the file has its end.
+        damages: parts that could not be read.
+    """
+
+    path: Path
+    messages: int = 0
+    num_cut_off: int = 0
+    num_without_channel: int = 0
+    is_complete: bool = False
+    damages: list[Damage] = field(default_factory=list)
+
+    @property
+    def has_losses(self) -> bool:
+        """Whether anything is lost but an end that was not written."""
+        return self.num_without_channel > 0 or any(each.is_loss for each in self.damages)
+
+
+@dataclass
+class RecoveredBag:
+    """What was read of a bag.
+
+    Attributes:
+        files: its files.
+        folder: folder of the new bag.
+        had_metadata: whether the bag had a readable metadata.yaml.
+    """
+
+    files: list[RecoveredFile]
+    folder: Path
+    had_metadata: bool
+
+    @property
+    def messages(self) -> int:
+        """Number of messages."""
+        return sum(each.messages for each in self.files)
+
+    @property
+    def is_intact(self) -> bool:
+        """Whether the bag was complete and undamaged."""
+        return self.had_metadata and not any(
+            each.damages or each.num_without_channel or not each.is_complete for each in self.files
+        )
+
+
+def recover_bag(
+    path: Path,
+    folder: Path,
+    *,
+    compression: str = "zstd",
+    progress: Callable[[float], None] | None = None,
+) -> RecoveredBag:
+    """Write what can be read of a bag as another bag.
+
+    Args:
+        path: folder of the bag, or one file.
+        folder: folder of the new bag, empty or missing.
+        compression: of its chunks, one of `msg_bridge.bag.writer.COMPRESSIONS`.
+        progress: is called with the fraction that has been read.
+
+    Raises:
+        BagReadError: there are no MCAP files, or none has messages.
+        BagError: the new bag cannot be written.
+    """
+    sources = _files_of(path)
+    custom = _custom_data(path)
+    _create(folder)
+    topics: dict[str, TopicMetadata] = {}
+    recovered, written = [], []
+    for number, source in enumerate(sources):
+        writer = _FileWriter(
+            folder / f"{folder.name}_{number}.mcap", COMPRESSIONS[compression], topics
+        )
+        salvaged = SalvagedFile(source)
+        reported = 0.0
+        try:
+            for record, fraction in salvaged.records():
+                writer.add(record)
+                if progress is not None and fraction - reported >= _PROGRESS_STEP:
+                    reported = fraction
+                    progress((number + fraction) / len(sources))
+        finally:
+            written.append(writer.close())
+        recovered.append(
+            RecoveredFile(
+                source,
+                writer.messages,
+                salvaged.num_cut_off,
+                writer.num_without_channel,
+                salvaged.is_complete,
+                salvaged.damages,
+            )
+        )
+    if progress is not None:
+        progress(1.0)
+    bag = RecoveredBag(recovered, folder, custom is not None)
+    if not bag.messages:
+        for each in written:
+            (folder / each.name).unlink()
+        folder.rmdir()
+        raise BagReadError(f"{path} has no message that can be read")
+    write_metadata(
+        folder,
+        BagMetadata(
+            tuple(written), tuple(topics.values()), {**(custom or {}), "recovered": _summary(bag)}
+        ),
+    )
+    return bag
+
+
+class _FileWriter:
+    """A file of the new bag.
+
+    Attributes:
+        messages: number of its messages.
+        num_without_channel: number of messages left out because their channel is unknown.
+    """
+
+    def __init__(self, path: Path, compression: str, topics: dict[str, TopicMetadata]) -> None:
+        """
+        Args:
+            path: the file.
+            compression: of its chunks, as the library `mcap` names it.
+            topics: topics of the bag with their numbers of messages, which are updated.
+        """
+        self.messages = self.num_without_channel = 0
+        self._first: int | None = None
+        self._last: int | None = None
+        self._path, self._topics = path, topics
+        self._stream = AtomicFile(path)
+        self._mcap = McapFileWriter(
+            self._stream,
+            profile="ros2",
+            library="earthmoving_sim",
+            compression=compression,
+            chunk_size=CHUNK_SIZE,
+        )
+        self._schemas: dict[int, Schema] = {}
+        self._new_schemas: dict[int, int] = {0: 0}  # id in the new file by that in the old one
+        self._channels: dict[int, Channel] = {}
+        self._new_channels: dict[int, int] = {}
+        self._pending: list[Message] = []  # until the summary has their channels
+
+    def add(self, record: Schema | Channel | Message | Attachment) -> None:
+        """Write a record.
+
+        Raises:
+            BagError: it cannot be written.
+        """
+        if isinstance(record, Schema):
+            self._schemas.setdefault(record.id, record)
+        elif isinstance(record, Channel):
+            if record.id not in self._channels:
+                self._channels[record.id] = record
+                self._write_pending()
+        elif isinstance(record, Attachment):
+            self._mcap.add_attachment(
+                record.name, record.media_type, record.data, record.create_time
+            )
+        elif record.channel_id not in self._channels:
+            self._pending.append(record)
+        else:
+            self._write(record)
+
+    def close(self) -> FileMetadata:
+        """Finish the file; return its entry in metadata.yaml."""
+        self.num_without_channel = len(self._pending)
+        try:
+            if not self._stream.has_failed:
+                self._mcap.finish()
+        finally:
+            self._stream.close()
+        return FileMetadata(self._path.name, self._first, self._last, self.messages)
+
+    def _write_pending(self) -> None:
+        pending, self._pending = self._pending, []
+        for message in pending:
+            self.add(message)
+
+    def _write(self, message: Message) -> None:
+        channel = self._channels[message.channel_id]
+        if channel.id not in self._new_channels:
+            self._add_channel(channel)
+        self._mcap.add_message(replace(message, channel_id=self._new_channels[channel.id]))
+        self.messages += 1
+        time = message.log_time
+        self._first = time if self._first is None else min(self._first, time)
+        self._last = time if self._last is None else max(self._last, time)
+        topic = self._topics.get(channel.topic)
+        if topic is not None:
+            self._topics[channel.topic] = replace(topic, count=topic.count + 1)
+
+    def _add_channel(self, channel: Channel) -> None:
+        schema = self._schemas.get(channel.schema_id)
+        if schema is not None and schema.id not in self._new_schemas:
+            self._new_schemas[schema.id] = self._mcap.add_schema(
+                schema.name, schema.encoding, schema.data
+            )
+        self._new_channels[channel.id] = self._mcap.add_channel(
+            channel.topic,
+            self._new_schemas.get(channel.schema_id, 0),
+            channel.metadata,
+            channel.message_encoding,
+        )
+        if channel.message_encoding == "cdr" and schema is not None:
+            self._topics.setdefault(channel.topic, _topic_metadata(channel, schema))
+
+
+def _topic_metadata(channel: Channel, schema: Schema) -> TopicMetadata:
+    """Return the entry of a topic in metadata.yaml, without messages."""
+    offered = from_qos_yaml(channel.metadata.get("offered_qos_profiles", ""))
+    type_hash = channel.metadata.get("topic_type_hash", "")
+    return TopicMetadata(channel.topic, schema.name, type_hash, offered, 0)
+
+
+def _files_of(path: Path) -> list[Path]:
+    """Return the MCAP files of a bag, without use of its metadata.yaml.
+
+    Raises:
+        BagReadError: there are none.
+    """
+    if path.is_file():
+        return [path]
+    files = sorted(path.glob("*.mcap"), key=natural_sort_key) if path.is_dir() else []
+    if not files:
+        raise BagReadError(f"there is no bag {path}; give a folder of .mcap files, or one of them")
+    return files
+
+
+def _custom_data(path: Path) -> Mapping[str, str] | None:
+    """Return the custom data of the bag's metadata.yaml; None if there is no readable one."""
+    folder = path if path.is_dir() else path.parent
+    try:
+        content: Any = yaml.safe_load((folder / "metadata.yaml").read_text(encoding="utf-8"))
+        custom = content["rosbag2_bagfile_information"].get("custom_data") or {}
+        return {str(name): str(value) for name, value in custom.items()}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def _create(folder: Path) -> None:
+    """Create the folder of the new bag."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        existing = next(folder.iterdir(), None)
+    except OSError as error:
+        raise write_error(folder, error) from error
+    if existing is not None:
+        raise BagError(f"{folder} is not empty (it has {existing.name}); give another by --output")
+
+
+def _summary(bag: RecoveredBag) -> str:
+    """Return what was lost, as custom data of metadata.yaml (JSON)."""
+    return json.dumps(
+        {
+            each.path.name: {
+                "had_end": each.is_complete,
+                "damages": [
+                    {"offset": part.offset, "bytes": part.length, "text": part.text}
+                    for part in each.damages
+                ],
+            }
+            for each in bag.files
+        }
+    )

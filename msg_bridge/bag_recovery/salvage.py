@@ -1,0 +1,221 @@
+"""What can be read of an MCAP file that may be cut off or damaged."""
+
+from __future__ import annotations
+
+import contextlib
+import mmap
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Footer, Message, MessageIndex, Schema
+from mcap.stream_reader import get_chunk_data_stream
+
+from msg_bridge.bag.mcap_index import BagReadError, parse_attachment
+from msg_bridge.bag_recovery.damaged_file import MAGIC, FoundRecord, Gap, find_records
+
+__all__ = ["Damage", "SalvagedFile"]
+
+_RECORD_HEADER = struct.Struct("<BQ")
+_CHUNK_TIMES = struct.Struct("<QQ")
+_CHECKSUM = struct.Struct("<I")
+_MESSAGE_HEADER = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_NAMES: dict[int, str] = {Opcode.MESSAGE_INDEX: "index of messages", Opcode.FOOTER: "summary"}
+_PARSERS: dict[int, Callable[[ReadDataStream, int], Schema | Channel | Message]] = {
+    Opcode.SCHEMA: lambda stream, length: Schema.read(stream),
+    Opcode.CHANNEL: lambda stream, length: Channel.read(stream),
+    Opcode.MESSAGE: Message.read,
+}
+
+_PIECE = 1024
+"""Size of the pieces in which an incomplete chunk is decompressed [bytes]."""
+
+_DECOMPRESSORS: dict[str, Callable[[], Any]] = {
+    "zstd": lambda: zstandard.ZstdDecompressor().decompressobj(),
+    "lz4": lz4.frame.LZ4FrameDecompressor,
+}
+
+Content = Schema | Channel | Message | Attachment
+"""Records that are salvaged."""
+
+
+@dataclass(frozen=True)
+class Damage:
+    """A part of a file that cannot be read.
+
+    Attributes:
+        offset, length: its position in the file [bytes].
+        text: what is wrong.
+        start, end: log times of its first and last message [ns], if it is a chunk.
+        is_loss: whether messages or files are lost; false for an index, which is made again, and
+            for a record in which the file ends.
+    """
+
+    offset: int
+    length: int
+    text: str
+    start: int | None = None
+    end: int | None = None
+    is_loss: bool = True
+
+
+@dataclass
+class SalvagedFile:
+    """A file that is read as far as possible.
+
+    Attributes:
+        path: the file.
+        damages: parts that could not be read, after `records` has ended.
+        is_complete: whether the file has its end.
+        num_cut_off: number of messages from a chunk in which the file ends. It has no checksum.
+    """
+
+    path: Path
+    damages: list[Damage] = field(default_factory=list)
+    is_complete: bool = False
+    num_cut_off: int = 0
+    _chunk_data: bytes = b""  # of the last chunk, for its index
+
+    def records(self) -> Iterator[tuple[Content, float]]:
+        """Yield schemas, channels, messages and attachments, and the fraction read of the file.
+
+        Schemas and channels of the summary follow last, so those of a damaged chunk are not lost.
+
+        Raises:
+            BagReadError: the file is empty, no MCAP file, or cannot be opened.
+        """
+        try:
+            with self.path.open("rb") as stream:
+                if not self.path.stat().st_size:
+                    raise BagReadError(f"{self.path} is empty")
+                with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                    yield from self._read(data)
+        except OSError as error:
+            raise BagReadError(f"{self.path} cannot be read: {error.strerror or error}") from error
+
+    def _read(self, data: mmap.mmap) -> Iterator[tuple[Content, float]]:
+        num_records = 0
+        for found in find_records(data):
+            if isinstance(found, Gap):
+                is_tail = found.offset + found.length == len(data)
+                text = "the file ends within a record" if is_tail else "no record"
+                self.damages.append(Damage(found.offset, found.length, text, is_loss=not is_tail))
+                continue
+            num_records += 1
+            self.is_complete |= found.opcode == Opcode.FOOTER
+            fraction = (found.offset + found.length) / len(data)
+            for record in self._contents(data, found):
+                yield record, fraction
+        if not num_records and data[: len(MAGIC)] != MAGIC:
+            raise BagReadError(
+                f"{self.path} is not an MCAP file; if it is compressed, decompress it first"
+            )
+
+    def _contents(self, data: mmap.mmap, found: FoundRecord) -> Iterator[Content]:
+        content = data[found.offset : found.offset + found.length]
+        stream = ReadDataStream(BytesIO(content))
+        try:
+            if found.is_cut_off:
+                yield from self._cut_off_chunk(content)
+            elif found.opcode == Opcode.CHUNK:
+                self._chunk_data = b""
+                chunk = get_chunk_data_stream(Chunk.read(stream), validate_crc=True)
+                self._chunk_data = chunk[0].read(chunk[1])
+                yield from _parse_records(self._chunk_data)
+            elif found.opcode in _PARSERS:
+                yield _PARSERS[found.opcode](stream, len(content))
+            elif found.opcode == Opcode.ATTACHMENT:
+                yield parse_attachment(content)
+            elif found.opcode == Opcode.MESSAGE_INDEX:
+                _check_index(MessageIndex.read(stream), self._chunk_data)
+            elif found.opcode == Opcode.FOOTER:
+                _check_summary(Footer.read(stream), data, found)
+        except Exception as error:  # of zstd, lz4, struct or mcap, depending on the damage
+            self._add_damage(found, content, error)
+
+    def _cut_off_chunk(self, content: bytes) -> Iterator[Content]:
+        """Yield the records at the begin of a chunk in which the file ends."""
+        for record in _parse_records(_decompress_begin(content)):
+            self.num_cut_off += isinstance(record, Message)
+            yield record
+
+    def _add_damage(self, found: FoundRecord, content: bytes, error: Exception) -> None:
+        reason = f"{type(error).__name__}: {error}".rstrip(": ")
+        name = _NAMES.get(found.opcode, Opcode(found.opcode).name.lower())
+        start = end = None
+        if found.opcode == Opcode.CHUNK and len(content) >= _CHUNK_TIMES.size:
+            start, end = _CHUNK_TIMES.unpack_from(content)
+        self.damages.append(
+            Damage(
+                found.offset,
+                found.length,
+                f"damaged {name}: {reason}",
+                start,
+                end,
+                is_loss=found.opcode not in (Opcode.MESSAGE_INDEX, Opcode.FOOTER),
+            )
+        )
+
+
+def _decompress_begin(content: bytes) -> bytes:
+    """Return the begin of the records of a chunk whose end is missing."""
+    stream = ReadDataStream(BytesIO(content))
+    stream.read(_CHUNK_TIMES.size)
+    stream.read8()  # uncompressed size
+    stream.read4()  # checksum
+    compression = stream.read_prefixed_string()
+    stream.read8()  # size of what follows
+    data = content[stream.count :]
+    if compression not in _DECOMPRESSORS:
+        return data
+    decompressor = _DECOMPRESSORS[compression]()
+    result = bytearray()
+    with contextlib.suppress(zstandard.ZstdError, RuntimeError, EOFError):
+        for begin in range(0, len(data), _PIECE):  # what precedes an error is returned
+            result += decompressor.decompress(data[begin : begin + _PIECE])
+    return bytes(result)
+
+
+def _parse_records(data: bytes) -> Iterator[Schema | Channel | Message]:
+    """Yield the complete records at the begin of a chunk's data."""
+    position = 0
+    while position + _RECORD_HEADER.size <= len(data):
+        opcode, length = _RECORD_HEADER.unpack_from(data, position)
+        begin, end = position + _RECORD_HEADER.size, position + _RECORD_HEADER.size + length
+        if end > len(data) or opcode not in _PARSERS:  # zeros, as a system crash leaves them
+            return
+        yield _PARSERS[opcode](ReadDataStream(BytesIO(data[begin:end])), length)
+        position = end
+
+
+def _check_index(index: MessageIndex, data: bytes) -> None:
+    """Check the index of a channel's messages against the data of their chunk.
+
+    Raises:
+        ValueError: it names other messages; or struct.error.
+    """
+    for time, offset in index.records if data else ():
+        opcode, _ = _RECORD_HEADER.unpack_from(data, offset)
+        channel, _, log_time, _ = _MESSAGE_HEADER.unpack_from(data, offset + _RECORD_HEADER.size)
+        if (opcode, channel, log_time) != (Opcode.MESSAGE, index.channel_id, time):
+            raise ValueError("it names other messages than the chunk has")
+
+
+def _check_summary(footer: Footer, data: mmap.mmap, found: FoundRecord) -> None:
+    """Check the checksum of the summary.
+
+    Raises:
+        ValueError: it is wrong.
+    """
+    end = found.offset + found.length - _CHECKSUM.size  # all but the checksum itself is covered
+    has_checksum = footer.summary_start and footer.summary_crc
+    if has_checksum and zlib.crc32(data[footer.summary_start : end]) != footer.summary_crc:
+        raise ValueError("its checksum is wrong")

@@ -1,0 +1,181 @@
+"""Bags that were cut off or damaged are recovered as far as their bytes allow."""
+
+from __future__ import annotations
+
+import json
+import random
+from pathlib import Path
+
+import pytest
+import yaml
+from rclpy.serialization import serialize_message
+from rosbags.interfaces import ConnectionExtRosbag2, QosDurability
+from rosbags.rosbag2 import Reader
+from std_msgs.msg import String
+
+from earthmoving_sim.cli import main
+from msg_bridge.bag.mcap_index import BagReadError
+from msg_bridge.bag.metadata import OfferedQos
+from msg_bridge.bag.reader import BagReader
+from msg_bridge.bag.writer import COMPRESSIONS, BagWriter
+from msg_bridge.bag_recovery import RecoveredBag, recover_bag
+
+TOPIC, LATE = "/texts", "/late"
+NUMBER = 400
+CHUNK_SIZE = 10_000
+ATTACHMENT = b"loam: {}"
+
+
+def text(number: int) -> bytes:
+    noise = random.Random(number).randbytes(200).hex()
+    return bytes(serialize_message(String(data=f"{number} {noise}")))
+
+
+def write_bag(folder: Path, compression: str = "zstd", *, num_files: int = 1) -> Path:
+    """Write messages whose log times are their numbers [s]; return the first file."""
+    writer = BagWriter(folder, compression=compression, chunk_size=CHUNK_SIZE)
+    file = writer.file
+    writer.attach("a/soils.yaml", "application/yaml", ATTACHMENT, 7)
+    writer.add_topic(TOPIC, "std_msgs/msg/String", [OfferedQos(durability="transient_local")])
+    for number in range(NUMBER):
+        writer.write(TOPIC, text(number), number * 10**9, number * 10**9 + 5, number)
+        if (number + 1) % (NUMBER // num_files) == 0 and number + 1 < NUMBER:
+            writer.split()
+    writer.close({"format_version": "2"})
+    return file
+
+
+def numbers_in(folder: Path) -> list[int]:
+    """Return the numbers of the messages of a bag as read by rosbags; each is as it was written."""
+    with Reader(folder) as reader:
+        numbers = [time // 10**9 for _, time, _ in reader.messages()]
+        assert all(data == text(time // 10**9) for _, time, data in reader.messages())
+        assert reader.message_count == len(numbers)
+    return numbers
+
+
+def recover(path: Path) -> RecoveredBag:
+    return recover_bag(path, path.parent.parent / "recovered")
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_file_cut_off_anywhere_loses_only_the_messages_behind_the_cut(
+    tmp_path: Path, compression: str
+) -> None:
+    file = write_bag(tmp_path / "dig", compression)
+    content = file.read_bytes()
+    starts = [segment.offset for segment in BagReader(file)._files[0].segments]
+    for case, cut in enumerate(random.Random(1).sample(range(starts[0] + 8000, starts[-1]), 12)):
+        folder = tmp_path / f"case_{case}"
+        (folder / "cut").mkdir(parents=True)
+        (folder / "cut/cut_0.mcap").write_bytes(content[:cut])
+        recovered = recover_bag(folder / "cut", folder / "recovered")
+        numbers = numbers_in(folder / "recovered")
+        assert numbers == list(range(len(numbers)))
+        complete = sum(start < cut for start in starts) - 1  # number of complete chunks
+        messages_per_chunk = NUMBER / len(starts)
+        assert len(numbers) >= messages_per_chunk * complete - 1
+        assert not recovered.files[0].has_losses
+        assert not recovered.is_intact
+
+
+def test_zeros_at_the_end_are_no_messages(tmp_path: Path) -> None:
+    file = write_bag(tmp_path / "dig", "none")
+    content = file.read_bytes()
+    file.write_bytes(content[: len(content) // 2] + bytes(50_000))
+    recover(file)
+    numbers = numbers_in(tmp_path / "recovered")
+    assert numbers == list(range(len(numbers)))
+    assert 0.4 * NUMBER < len(numbers) < 0.6 * NUMBER
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+@pytest.mark.parametrize("damage", ["bytes changed", "bytes missing", "length changed"])
+def test_only_the_damaged_chunk_is_lost(tmp_path: Path, compression: str, damage: str) -> None:
+    file = write_bag(tmp_path / "dig", compression)
+    segments = BagReader(file)._files[0].segments
+    damaged, following = segments[5], segments[6]
+    content = bytearray(file.read_bytes())
+    if damage == "bytes changed":
+        content[damaged.offset + 1000] ^= 0x55
+    elif damage == "bytes missing":
+        del content[damaged.offset + 1000 : damaged.offset + 1400]
+    else:
+        content[damaged.offset - 8 : damaged.offset] = (10**6).to_bytes(8, "little")
+    file.write_bytes(content)
+    (recovered,) = recover(file).files
+    numbers = numbers_in(tmp_path / "recovered")
+    first, last = damaged.start_ns // 10**9, following.start_ns // 10**9
+    assert numbers == [*range(first), *range(last, NUMBER)]
+    assert recovered.has_losses
+    if damage == "bytes changed":
+        ((part),) = recovered.damages
+        assert (part.start, part.end) == (first * 10**9, (last - 1) * 10**9)
+
+
+@pytest.mark.parametrize("part", ["index of messages", "summary"])
+def test_damaged_index_is_made_again(tmp_path: Path, part: str) -> None:
+    file = write_bag(tmp_path / "dig")
+    segment = BagReader(file)._files[0].segments[5]
+    content = bytearray(file.read_bytes())
+    summary_start = int.from_bytes(content[-28:-20], "little")
+    index_start = segment.offset + segment.length
+    content[(index_start if part == "index of messages" else summary_start) + 20] ^= 0x55
+    file.write_bytes(content)
+    (recovered,) = recover(file).files
+    assert [part in each.text for each in recovered.damages] == [True]
+    assert not recovered.has_losses
+    assert numbers_in(tmp_path / "recovered") == list(range(NUMBER))
+
+
+def test_channels_of_a_damaged_chunk_are_those_of_the_summary(tmp_path: Path) -> None:
+    file = write_bag(tmp_path / "dig")
+    segments = BagReader(file)._files[0].segments
+    content = bytearray(file.read_bytes())
+    content[segments[0].offset + 1000] ^= 0x55
+    file.write_bytes(content)
+    recover(file)
+    assert numbers_in(tmp_path / "recovered") == [*range(segments[1].start_ns // 10**9, NUMBER)]
+    cut = file.parent / "cut.mcap"
+    cut.write_bytes(content[: segments[-1].offset])  # without a summary
+    with pytest.raises(BagReadError, match="no message"):
+        recover_bag(cut, tmp_path / "other")
+    assert not (tmp_path / "other").exists()
+
+
+def test_attachments_files_qos_and_custom_data_are_kept(tmp_path: Path) -> None:
+    file = write_bag(tmp_path / "dig", num_files=4)
+    last = file.with_name("dig_3.mcap")
+    last.write_bytes(last.read_bytes()[:-100])
+    recovered = recover_bag(tmp_path / "dig", tmp_path / "recovered")
+    assert [each.is_complete for each in recovered.files] == [True, True, True, False]
+    assert numbers_in(tmp_path / "recovered") == list(range(NUMBER))
+    reader = BagReader(tmp_path / "recovered")
+    assert reader.read_attachment("a/soils.yaml") == ATTACHMENT
+    assert len(reader.files) == 4
+    with Reader(tmp_path / "recovered") as bag:
+        (connection,) = bag.connections
+        assert isinstance(connection.ext, ConnectionExtRosbag2)
+        (qos,) = connection.ext.offered_qos_profiles
+        assert qos.durability is QosDurability.TRANSIENT_LOCAL
+    metadata = yaml.safe_load((tmp_path / "recovered/metadata.yaml").read_text())
+    custom = metadata["rosbag2_bagfile_information"]["custom_data"]
+    assert custom["format_version"] == "2"
+    assert json.loads(custom["recovered"])["dig_3.mcap"]["had_end"] is False
+
+
+def test_command_says_what_was_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = write_bag(tmp_path / "dig")
+    assert main(["recover", str(tmp_path / "dig")]) == 0
+    assert "complete and undamaged" in capsys.readouterr().out
+    assert not (tmp_path / "dig-recovered").exists()
+    content = bytearray(file.read_bytes())
+    content[BagReader(file)._files[0].segments[5].offset + 1000] ^= 0x55
+    file.write_bytes(content)
+    assert main(["recover", str(tmp_path / "dig"), "--json"]) == 1
+    (entry,) = json.loads(capsys.readouterr().out)["files"]
+    assert len(entry["damages"]) == 1
+    assert entry["messages"] == len(numbers_in(tmp_path / "dig-recovered"))
+    assert main(["recover", str(tmp_path / "dig")]) == 2  # the folder is not empty
+    (tmp_path / "text.mcap").write_text("text")
+    assert main(["recover", str(tmp_path / "text.mcap")]) == 2
