@@ -32,6 +32,7 @@ from msg_bridge.bag.mcap_index import (
     read_records,
 )
 from msg_bridge.bag.message_index import MessageIndex
+from msg_bridge.bag.metadata import OfferedQos, from_qos_yaml
 from msg_bridge.bag.terrain_deltas import TerrainRestorer, map_topic_of_deltas
 from msg_bridge.contract import topics
 
@@ -153,6 +154,16 @@ class BagReader:
         """
         known = sorted(set(topics) & set(self.topics))
         return MessageIndex(self._files, self._topic_name, _has_deltas, known)
+
+    def offered_qos(self, topic: str) -> tuple[OfferedQos, ...]:
+        """Return the QoS that the recorded publishers of a topic offered; empty if unknown."""
+        found = (
+            each.metadata.get("offered_qos_profiles", "")
+            for file in self._files
+            for each in file.channels.values()
+            if self._topic_name(file, each) == topic and not _has_deltas(file, each)
+        )
+        return tuple(dict.fromkeys(profile for text in found for profile in from_qos_yaml(text)))
 
     @property
     def attachment_names(self) -> frozenset[str]:

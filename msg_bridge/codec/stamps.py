@@ -15,6 +15,7 @@ from msg_bridge.contract.errors import ErrorCode
 __all__ = [
     "clock_time_ns",
     "seconds_from_stamp",
+    "stamp_from_nanoseconds",
     "stamp_from_seconds",
     "stamp_from_tick",
     "tick_from_stamp",
@@ -31,7 +32,7 @@ def stamp_from_seconds(seconds: float) -> Time:
     """
     if not math.isfinite(seconds):
         raise CodecError(f"a simulation time is {seconds} s; give a finite number", ErrorCode.STAMP)
-    return _stamp(round(Fraction(seconds) * _NANO))
+    return stamp_from_nanoseconds(round(Fraction(seconds) * _NANO))
 
 
 def seconds_from_stamp(stamp: Time) -> float:
@@ -49,7 +50,7 @@ def stamp_from_tick(tick: int, period: float) -> Time:
     Raises:
         CodecError: STAMP: the period is below 1 ns, or the time is outside the range of a stamp.
     """
-    return _stamp(round(tick * _period_in_nanoseconds(period)))
+    return stamp_from_nanoseconds(round(tick * _period_in_nanoseconds(period)))
 
 
 def tick_from_stamp(stamp: Time, period: float) -> int:
@@ -90,7 +91,12 @@ def _nanoseconds(stamp: Time) -> int:
     return int(stamp.sec) * _NANO + int(stamp.nanosec)
 
 
-def _stamp(nanoseconds: int) -> Time:
+def stamp_from_nanoseconds(nanoseconds: int) -> Time:
+    """Return the stamp of a time.
+
+    Raises:
+        CodecError: STAMP: it is negative or 2**31 s or later.
+    """
     seconds, remainder = divmod(nanoseconds, _NANO)
     if not 0 <= seconds < 2**31:
         raise CodecError(

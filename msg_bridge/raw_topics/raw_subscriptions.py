@@ -24,7 +24,13 @@ from msg_bridge.bag.metadata import OfferedQos
 from msg_bridge.nodes.polled_group import PolledGroup
 from msg_bridge.raw_topics.received_message import ReceivedMessage
 
-__all__ = ["RawSubscriptions", "advertised_type_hash", "all_transient_local", "offered_qos"]
+__all__ = [
+    "RawSubscriptions",
+    "advertised_type_hash",
+    "all_transient_local",
+    "message_class",
+    "offered_qos",
+]
 
 _DEPTH = 1000
 """Maximum number of messages of a topic that are queued between two polls."""
@@ -58,7 +64,7 @@ class RawSubscriptions:
             SchemaError: the type is not installed here.
         """
         self._subscriptions[topic] = self._subscribe(
-            topic, type_name, _message_class_of(type_name), publishers
+            topic, type_name, message_class(type_name), publishers
         )
 
     def drop(self, topic: str) -> None:
@@ -180,16 +186,21 @@ def _unused_callback(message: bytes) -> None:
     """Do nothing: subscriptions are polled."""
 
 
-def _message_class_of(type_name: str) -> type:
+def message_class(type_name: str) -> type:
+    """Return the installed class of a message type.
+
+    Raises:
+        SchemaError: it is not installed.
+    """
     package, _, name = type_name.partition("/msg/")
     try:
-        message_class: type = getattr(importlib.import_module(f"{package}.msg"), name)
+        found: type = getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError) as error:
         raise SchemaError(
             f"type {type_name} is not installed; install {package.split('/')[0]} or source its"
             " workspace"
         ) from error
-    return message_class
+    return found
 
 
 def _all_reliable(publishers: Sequence[TopicEndpointInfo]) -> bool:
