@@ -164,7 +164,7 @@ def test_attachments_files_qos_and_custom_data_are_kept(tmp_path: Path) -> None:
     assert json.loads(custom["recovered"])["dig_3.mcap"]["had_end"] is False
 
 
-def test_command_says_what_was_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_reports_what_was_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = write_bag(tmp_path / "dig")
     assert main(["recover", str(tmp_path / "dig")]) == 0
     assert "complete and undamaged" in capsys.readouterr().out
