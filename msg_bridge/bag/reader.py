@@ -166,6 +166,16 @@ class BagReader:
         return tuple(dict.fromkeys(profile for text in found for profile in from_qos_yaml(text)))
 
     @property
+    def type_definitions(self) -> dict[str, str]:
+        """Definition of each ROS 2 message type in the bag, with those of its fields, by name."""
+        return {
+            schema.name: schema.data.decode(errors="replace")
+            for file in self._files
+            for schema in file.schemas.values()
+            if schema.encoding == "ros2msg"
+        }
+
+    @property
     def attachment_names(self) -> frozenset[str]:
         """Names of the attachments of all files."""
         return frozenset(name for file in self._files for name in file.attachments)

@@ -26,7 +26,7 @@ class Key(Enum):
     STEP = "s"
     QUIT = "q"
     BACK = "\x1b[D"
-    AHEAD = "\x1b[C"
+    FORWARD = "\x1b[C"
     FASTER = "\x1b[A"
     SLOWER = "\x1b[B"
 

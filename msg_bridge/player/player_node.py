@@ -222,8 +222,8 @@ class PlayerNode(Node):
             self.step()
         elif key is Key.QUIT:
             self.finished = True
-        elif key in (Key.BACK, Key.AHEAD):
-            sign = 1.0 if key is Key.AHEAD else -1.0
+        elif key in (Key.BACK, Key.FORWARD):
+            sign = 1.0 if key is Key.FORWARD else -1.0
             self.seek(self.playback.position + sign * _KEY_SEEK)
         else:
             factor = _KEY_RATE if key is Key.FASTER else 1.0 / _KEY_RATE

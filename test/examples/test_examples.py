@@ -173,3 +173,11 @@ def test_plot_volume_from_bag_writes_a_picture(tmp_path: Path) -> None:
     bag, picture = recording.write_folder(tmp_path / "bag"), tmp_path / "volume.png"
     assert "imbalance 0 mm3" in run("plot_volume_from_bag", bag, picture).stdout
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_analyse_bags_prints_volumes_and_cycles_of_each_bag() -> None:
+    bags = [EXAMPLES.parent / "bags" / name for name in ("format_1", "format_2")]
+    output = run("analyse_bags", *bags).stdout
+    assert output.count("6.516242042") == 2  # m3, as the audit has them
+    assert output.count("34.45") == 2  # m3/h
+    assert output.count("boom") == 2

@@ -143,7 +143,7 @@ def test_invalid_values_are_errors() -> None:
 def test_keys_of_a_terminal_are_parsed() -> None:
     assert parse_keys(" \x1b[C\x1b[Dxsq\x1b[A") == [
         Key.PAUSE,
-        Key.AHEAD,
+        Key.FORWARD,
         Key.BACK,
         Key.STEP,
         Key.QUIT,

@@ -1,0 +1,195 @@
+"""Points of clouds as rows, each row of the exchange once."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections import defaultdict
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from earthmoving_sim.bag_export.columns import LOG_TIME, arrow_field
+from earthmoving_sim.bag_export.units import unit_of
+
+__all__ = ["CloudTable"]
+
+_NANO = 10**9
+_KINDS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""NumPy types by PointField.datatype."""
+
+_SENDER_FIELDS = ("run_id", "machine_id", "session_id")
+
+
+class CloudTable:
+    """A row for each point of PointCloud2 messages of one layout.
+
+    Organised clouds (of several rows) have the columns `row` and `col`. Rows that are numbered by
+    `seq` in a run are rows of the exchange: those that were sent again are left out.
+
+    Attributes:
+        schema: columns of the table.
+        num_repeated: number of rows that were left out.
+        num_pending: number of rows since the last `take`.
+    """
+
+    def __init__(self, first: Any) -> None:
+        """
+        Args:
+            first: the first message, whose layout all must have.
+        """
+        self.num_repeated = 0
+        self.num_pending = 0
+        self._pending: list[tuple[int, int, int, NDArray[np.void]]] = []
+        self._layout = _layout(first)
+        self._dtype = _dtype(first)
+        names = self._dtype.names or ()
+        self._is_organised = first.height > 1 and not {"row", "col"} & set(names)
+        self._is_numbered = {"seq", "run_id"} <= set(names)
+        self._received: dict[tuple[int, ...], _Intervals] = defaultdict(_Intervals)
+        fields = [LOG_TIME, arrow_field("stamp", pa.timestamp("ns"))]
+        if self._is_organised:
+            fields += [arrow_field("row", pa.uint32()), arrow_field("col", pa.uint32())]
+        for name in names:
+            base, shape = self._dtype[name].base, self._dtype[name].shape
+            kind = pa.from_numpy_dtype(base)
+            fields.append(
+                arrow_field(name, pa.list_(kind, shape[0]) if shape else kind, unit_of(name))
+            )
+        self.schema = pa.schema(fields)
+
+    def add(self, time: int, message: Any) -> bool:
+        """Add the rows of a message; return whether it has the layout of the first one.
+
+        Args:
+            time: log time [ns].
+            message: the message.
+        """
+        points = self._points(message)
+        if points is None:
+            return False
+        if self._is_numbered and points.size:
+            is_new = self._find_new(points)
+            self.num_repeated += int(points.size - is_new.sum())
+            points = points[is_new]
+        stamp = int(message.header.stamp.sec) * _NANO + int(message.header.stamp.nanosec)
+        self._pending.append((time, stamp, message.width, points))
+        self.num_pending += points.size
+        return True
+
+    @property
+    def has_pending(self) -> bool:
+        """Whether there are messages since the last `take`, with or without rows."""
+        return bool(self._pending)
+
+    def take(self) -> pa.RecordBatch:
+        """Return the rows added since the last call."""
+        pending, self._pending = self._pending, []
+        self.num_pending = 0
+        counts = [points.size for *_, points in pending]
+        arrays = [
+            pa.array(np.repeat(np.array(values, dtype=np.int64), counts)).view(kind)
+            for values, kind in (
+                ([time for time, *_ in pending], LOG_TIME.type),
+                ([stamp for _, stamp, *_ in pending], pa.timestamp("ns")),
+            )
+        ]
+        if self._is_organised:
+            places = [
+                np.divmod(np.arange(points.size, dtype=np.uint32), np.uint32(max(width, 1)))
+                for *_, width, points in pending
+            ]
+            arrays += [pa.array(np.concatenate(parts)) for parts in zip(*places, strict=True)]
+        points = np.concatenate([points for *_, points in pending])
+        arrays += [_column(points[name]) for name in self._dtype.names or ()]
+        return pa.RecordBatch.from_arrays(arrays, schema=self.schema)
+
+    def _points(self, message: Any) -> NDArray[np.void] | None:
+        """Return the points of a message, shape (n,), in native byte order."""
+        data = np.asarray(message.data, dtype=np.uint8)
+        row_size = message.width * message.point_step
+        if _layout(message) != self._layout or data.size < message.height * message.row_step:
+            return None
+        if message.row_step < row_size:
+            return None
+        rows = data[: message.height * message.row_step].reshape(message.height, -1)
+        packed = np.ascontiguousarray(rows[:, :row_size])
+        points: NDArray[np.void] = packed.reshape(-1).view(self._dtype)
+        return points
+
+    def _find_new(self, points: NDArray[np.void]) -> NDArray[np.bool_]:
+        """Return which rows have not been received before."""
+        first = points[0]
+        names = [name for name in _SENDER_FIELDS if name in (self._dtype.names or ())]
+        # Rows of the soil to all machines are numbered together, regardless of the machine they are about.
+        if "session_id" not in names:
+            names = ["run_id"]
+        received = self._received[tuple(int(first[name]) for name in names)]
+        return received.add(points["seq"].astype(np.int64))
+
+
+class _Intervals:
+    """Numbers that were received, as disjoint intervals in ascending order."""
+
+    def __init__(self) -> None:
+        self._starts: list[int] = []
+        self._ends: list[int] = []  # exclusive
+
+    def add(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Add ascending numbers; return which of them are new."""
+        first, last = int(numbers[0]), int(numbers[-1])
+        is_run = last - first == numbers.size - 1 and bool((np.diff(numbers) == 1).all())
+        if is_run and (not self._ends or first >= self._ends[-1]):
+            self._insert(first, last + 1)
+            return np.ones(numbers.size, dtype=bool)
+        return np.array([self._add_one(number) for number in numbers.tolist()])
+
+    def _add_one(self, number: int) -> bool:
+        place = bisect_right(self._starts, number) - 1
+        if place >= 0 and number < self._ends[place]:
+            return False
+        self._insert(number, number + 1)
+        return True
+
+    def _insert(self, start: int, end: int) -> None:
+        """Insert an interval that overlaps no other, and merge it with its neighbours."""
+        place = bisect_right(self._starts, start)
+        if place and self._ends[place - 1] == start:
+            place -= 1
+            self._ends[place] = end
+        else:
+            self._starts.insert(place, start)
+            self._ends.insert(place, end)
+        if place + 1 < len(self._starts) and self._starts[place + 1] == end:
+            self._ends[place] = self._ends.pop(place + 1)
+            del self._starts[place + 1]
+
+
+def _layout(message: Any) -> tuple[Any, ...]:
+    fields = tuple((each.name, each.offset, each.datatype, each.count) for each in message.fields)
+    return (fields, message.point_step, message.is_bigendian, message.height > 1)
+
+
+def _dtype(message: Any) -> np.dtype[np.void]:
+    order = ">" if message.is_bigendian else "<"
+    fields = list(message.fields)
+    kinds = [np.dtype(order + _KINDS[each.datatype]) for each in fields]
+    return np.dtype(
+        {
+            "names": [each.name for each in fields],
+            "formats": [
+                kind if each.count <= 1 else (kind, (each.count,))
+                for each, kind in zip(fields, kinds, strict=True)
+            ],
+            "offsets": [each.offset for each in fields],
+            "itemsize": message.point_step,
+        }
+    )
+
+
+def _column(values: NDArray[Any]) -> pa.Array:
+    native = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("="), copy=False)
+    if native.ndim == 1:
+        return pa.array(native)
+    return pa.FixedSizeListArray.from_arrays(pa.array(native.reshape(-1)), native.shape[1])

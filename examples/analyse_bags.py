@@ -1,0 +1,64 @@
+"""Compare recordings: volumes, cycles and work of the joints, with DuckDB.
+
+    python examples/analyse_bags.py bags/format_1 bags/format_2
+
+Exports the bags as Parquet tables, into the folder `--tables` or a temporary one, and queries all
+of them at once. `pip install duckdb` installs what this needs beside the package.
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+VOLUMES = """
+    SELECT bag,
+           sum(volume_mm3) FILTER (kind = 0) / 1e9 AS "excavated [m3]",
+           sum(volume_mm3) FILTER (kind = 1) / 1e9 AS "deposited [m3]",
+           sum(volume_mm3) FILTER (kind = 2) / 1e9 AS "outside [m3]"
+    FROM read_parquet('{tables}/*/soil/conversions.parquet', hive_partitioning = true)
+    GROUP BY bag ORDER BY bag
+"""
+CYCLES = """
+    SELECT bag,
+           count(*) AS cycles,
+           median(duration) AS "cycle time [s]",
+           sum(moved_volume) AS "moved [m3]",
+           3600 * sum(moved_volume) / sum(duration) AS "moved [m3/h]"
+    FROM read_parquet('{tables}/*/*/operator/cycles.parquet', hive_partitioning = true)
+    GROUP BY bag ORDER BY bag
+"""
+# Power of a joint is torque times angular velocity; a sum over time steps is its work.
+WORK = """
+    WITH steps AS (
+        SELECT bag, joint, effort * velocity AS power,
+               epoch_ns(stamp) - lag(epoch_ns(stamp)) OVER (PARTITION BY bag, joint ORDER BY stamp)
+                   AS step
+        FROM read_parquet('{tables}/*/*/joint_states.parquet', hive_partitioning = true)
+        WHERE joint IN ('swing', 'boom', 'arm', 'bucket')
+    )
+    SELECT bag, joint, sum(greatest(power, 0) * step) / 1e12 AS "work [kJ]"
+    FROM steps GROUP BY bag, joint ORDER BY bag, joint
+"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("bags", nargs="+", type=Path, help="recordings")
+    parser.add_argument("--tables", type=Path, help="folder to keep the tables in")
+    options = parser.parse_args()
+
+    import duckdb
+
+    from earthmoving_sim.bag_export import export_bag
+    from msg_bridge.bag.reader import BagReader
+
+    with tempfile.TemporaryDirectory() as temporary:
+        tables = options.tables or Path(temporary)
+        for bag in options.bags:
+            export_bag(BagReader(bag), tables / f"bag={bag.resolve().stem}")
+        for query in (VOLUMES, CYCLES, WORK):
+            print(duckdb.sql(query.format(tables=tables)))
+
+
+if __name__ == "__main__":
+    main()
