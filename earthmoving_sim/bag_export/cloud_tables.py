@@ -122,7 +122,7 @@ class CloudTable:
         """Return which rows have not been received before."""
         first = points[0]
         names = [name for name in _SENDER_FIELDS if name in (self._dtype.names or ())]
-        # Rows of the soil to all machines are numbered together, regardless of the machine they are about.
+        # Rows of the soil are numbered together for all machines.
         if "session_id" not in names:
             names = ["run_id"]
         received = self._received[tuple(int(first[name]) for name in names)]

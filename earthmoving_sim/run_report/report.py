@@ -1,0 +1,244 @@
+"""Read a bag, and write its report as a page and pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from earthmoving_sim.pictures.cut_fill import draw_cut_fill
+from earthmoving_sim.pictures.site_record import SiteRecord
+from earthmoving_sim.run_report.charts import Line, Panel, draw_panels
+from earthmoving_sim.run_report.machine_charts import draw_machine_charts
+from earthmoving_sim.run_report.machine_section import add_machine
+from earthmoving_sim.run_report.page import Page
+from earthmoving_sim.run_report.reading import read_runs
+from earthmoving_sim.run_report.run_data import RunData
+from earthmoving_sim.run_report.run_sections import (
+    add_overview,
+    add_problems,
+    add_setup,
+    add_timing,
+)
+from earthmoving_sim.run_report.summary import RunSummary, summarise
+from earthmoving_sim.run_report.trace import Trace
+from msg_bridge.bag.atomic_file import BagError, write_error
+from msg_bridge.bag.reader import BagReader
+
+__all__ = ["Report", "write_report"]
+
+_MIN_RATE_STEPS = 30
+_RATE_WINDOWS = 60
+_HOUR = 3600.0
+
+
+@dataclass(frozen=True)
+class Report:
+    """A written report.
+
+    Attributes:
+        page: the HTML file.
+        summary: its figures.
+        run_ids: numbers of all runs in the bag.
+        malformed: number of messages that cannot be read, by topic.
+    """
+
+    page: Path
+    summary: RunSummary
+    run_ids: list[int]
+    malformed: dict[str, int]
+
+
+def write_report(
+    reader: BagReader,
+    folder: Path,
+    *,
+    title: str = "",
+    run_id: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Report:
+    """Write the report on a run of a bag.
+
+    Args:
+        reader: the bag.
+        folder: folder of the page (`index.html`) and the pictures; files with these names are
+            replaced.
+        title: heading; by default the name of the bag.
+        run_id: number of the run; None: the last one.
+        progress: is called with the fraction of the bag that has been read.
+
+    Raises:
+        BagReadError: the bag is damaged.
+        BagError: the report cannot be written.
+    """
+    run, run_ids = read_runs(reader, run_id=run_id, progress=progress)
+    if run_id is not None and run_ids and run_id not in run_ids:
+        names = ", ".join(map(str, run_ids))
+        raise BagError(f"{reader.path} has no run {run_id}; it has {names}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        page = folder / "index.html"
+        summary = summarise(run)
+        content = _page(reader, run, summary, run_ids, folder, title)
+        page.write_text(content.html(), encoding="utf-8")
+    except OSError as error:
+        raise write_error(folder, error) from error
+    return Report(page, summary, run_ids, dict(run.malformed))
+
+
+def _page(
+    reader: BagReader,
+    run: RunData,
+    summary: RunSummary,
+    run_ids: list[int],
+    folder: Path,
+    title: str,
+) -> Page:
+    page = Page(title or f"Report on {reader.path.resolve().name}", str(reader.path))
+    add_overview(page, reader, run, summary, run_ids)
+    _add_terrain(page, run, summary, folder)
+    _add_accounts(page, run, folder)
+    for name, machine in summary.machines.items():
+        data = run.machines[name]
+        charts = draw_machine_charts(name, data, machine, folder)
+        add_machine(page, name, data, machine, charts)
+    _add_clock(page, run, summary, folder)
+    add_problems(page, reader, run)
+    add_setup(page, run)
+    return page
+
+
+def _add_terrain(page: Page, run: RunData, summary: RunSummary, folder: Path) -> None:
+    page.section("Terrain")
+    terrain = run.terrain
+    if terrain.grid is None or summary.cut is None or summary.fill is None:
+        page.note("The bag has no terrain map.")
+        return
+    if summary.cut + summary.fill > 0.0:
+        record = SiteRecord(
+            grid=terrain.grid,
+            before=terrain.before,
+            after=terrain.after,
+            loose_depth=terrain.loose_depth,
+            lip_path=np.zeros((0, 3)),
+            lip_cycle=np.zeros(0, dtype=np.int64),
+            lip_phase=np.zeros(0, dtype=np.str_),
+            machine_outline=[],
+            title="Cut and fill",
+        )
+        page.picture(draw_cut_fill(record, folder / "cut_fill.png"), "Cut and fill")
+    else:
+        page.note("No column has changed.")
+    rows = [
+        ("cut", f"{summary.cut:.3f}"),
+        ("fill", f"{summary.fill:.3f}"),
+        ("fill - cut", f"{summary.fill - summary.cut:+.3f}"),
+    ]
+    rows += [
+        (f"design: {name.replace('_', ' ')}", f"{value:.3f}")
+        for name, value in summary.design.items()
+    ]
+    page.table(("", "m³ bank"), rows)
+    page.note(
+        "Cut and fill are sums of bank volume over the columns that hold less, or more, at the end"
+        " than at the begin; the volumes in the picture are those between the surfaces, in which"
+        " loose soil takes more room."
+    )
+
+
+def _add_accounts(page: Page, run: RunData, folder: Path) -> None:
+    page.section("Where the soil is")
+    if not run.accounts:
+        page.note("The bag has no ledger (/soil/ledger).")
+        return
+
+    def lines(*names: str) -> list[Line]:
+        return [
+            Line(name.replace("_", " "), run.accounts[name].times, run.accounts[name].values)
+            for name in names
+            if name in run.accounts
+        ]
+
+    moving = lines("particles", "pending", "in_flight", "absent")
+    panels = [
+        Panel("not in the terrain\n[m³ bank]", moving, is_stacked=True),
+        Panel("terrain since\nthe start [m³]", lines("terrain")),
+        Panel("outside the\nmap [m³]", lines("outside")),
+        Panel("imbalance\n[mm³]", [Line("", run.imbalance.times, run.imbalance.values)]),
+    ]
+    page.picture(
+        draw_panels(
+            folder / "accounts.png",
+            "Accounts of the soil",
+            "From the ledger of every tick.",
+            panels,
+        ),
+        "Accounts of the soil",
+    )
+    if run.excavated:
+        panels = [
+            Panel("excavated\n[m³ bank]", _by_machine(run.excavated)),
+            Panel("excavation\n[m³/h]", _rates(run.excavated)),
+            Panel("deposited\n[m³ bank]", _by_machine(run.deposited)),
+        ]
+        page.picture(
+            draw_panels(
+                folder / "production.png",
+                "Production",
+                "Soil loosened and become terrain again, by the conversion rows of each machine.",
+                [panel for panel in panels if panel.lines],
+                limits=(run.first_time or 0.0, run.last_time),
+            ),
+            "Production",
+        )
+
+
+def _by_machine(totals: Mapping[int, Trace]) -> list[Line]:
+    return [
+        Line(f"machine {number}", trace.times, trace.values)
+        for number, trace in sorted(totals.items())
+    ]
+
+
+def _rates(totals: Mapping[int, Trace]) -> list[Line]:
+    """Return the volume per hour in each of some intervals."""
+    lines = []
+    for line in _by_machine(totals):
+        first, last = float(line.times[0]), float(line.times[-1])
+        if line.times.size < _MIN_RATE_STEPS or last <= first:
+            continue
+        edges = np.linspace(first, last, _RATE_WINDOWS + 1)
+        volume = np.interp(edges, line.times, line.values)
+        rates = np.diff(volume) / np.diff(edges) * _HOUR
+        lines.append(Line(line.name, 0.5 * (edges[1:] + edges[:-1]), rates))
+    return lines
+
+
+def _add_clock(page: Page, run: RunData, summary: RunSummary, folder: Path) -> None:
+    page.section("Real time")
+    panels = []
+    if len(run.clock) > _MIN_RATE_STEPS:
+        edges = np.linspace(run.clock.times[0], run.clock.times[-1], _RATE_WINDOWS + 1)
+        simulated = np.interp(edges, run.clock.times, run.clock.values)
+        factors = np.diff(simulated) / np.maximum(np.diff(edges), 1e-9)
+        panels.append(
+            Panel("real-time\nfactor [1]", [Line("", 0.5 * (edges[1:] + edges[:-1]), factors)])
+        )
+    if len(run.late_ticks):
+        panels.append(
+            Panel("late ticks\nso far", [Line("", run.late_ticks.times, run.late_ticks.values)])
+        )
+    if panels:
+        page.picture(
+            draw_panels(
+                folder / "real_time.png",
+                "Real time",
+                "Simulation time over log time, and late ticks of the soil node.",
+                panels,
+                time_label="log time since the begin [s]",
+            ),
+            "Real-time factor and late ticks",
+        )
+    add_timing(page, run, summary)

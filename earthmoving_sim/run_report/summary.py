@@ -1,0 +1,220 @@
+"""The figures of the report, also for JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from earthmoving_sim.run_report.run_data import MachineData, RunData
+from earthmoving_sim.run_report.work_cycles import WorkCycle, find_work_cycles
+
+__all__ = ["CycleSummary", "LatencySummary", "MachineSummary", "RunSummary", "summarise"]
+
+_PHASE_GROUPS = {
+    "dig": "dig",
+    "curl": "dig",
+    "load": "dig",
+    "lift": "lift",
+    "swing": "swing",
+    "haul": "swing",
+    "dump": "dump",
+    "tip": "dump",
+}
+"""Part of a cycle to which a phase of the operator belongs; others are the return."""
+
+
+@dataclass(frozen=True)
+class CycleSummary:
+    """All cycles of a machine.
+
+    Attributes:
+        count: number of cycles.
+        volume: sum of their volumes [m^3 bank].
+        mean_volume: of a cycle [m^3 bank].
+        median_duration, min_duration, max_duration: [s].
+        productivity: volume over the sum of the durations [m^3/h].
+    """
+
+    count: int
+    volume: float
+    mean_volume: float
+    median_duration: float
+    min_duration: float
+    max_duration: float
+    productivity: float
+
+
+@dataclass(frozen=True)
+class LatencySummary:
+    """Latency of the commands of a machine [s]; of simulation time only where they are stamped."""
+
+    count: int
+    median: float
+    p95: float
+    max: float
+    simulated_median: float | None
+
+
+@dataclass
+class MachineSummary:
+    """Figures of a machine.
+
+    Attributes:
+        cycles: its cycles by payload.
+        summary: all cycles together; None without any.
+        reported: the cycles that its operator reported.
+        phase_times: mean time of each part of a cycle by the phases of the operator [s].
+        max_payload: [m^3 bank].
+        distance: way of the base [m].
+        latency: of its commands; None without any.
+        max_forces: largest force of the soil on each tool [N].
+    """
+
+    cycles: list[WorkCycle] = field(default_factory=list)
+    summary: CycleSummary | None = None
+    reported: list[dict[str, Any]] = field(default_factory=list)
+    phase_times: dict[str, float] = field(default_factory=dict)
+    max_payload: float = 0.0
+    distance: float = 0.0
+    latency: LatencySummary | None = None
+    max_forces: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass
+class RunSummary:
+    """Figures of a run; volumes in [m^3 bank].
+
+    Attributes:
+        run_id: number of the run.
+        simulated_time, wall_time: [s].
+        cut, fill: sums over the columns that hold less, and more, at the end than at the begin.
+        excavated, deposited: by machine id.
+        max_imbalance: largest imbalance of the ledger [mm^3]; None without a ledger.
+        late_ticks: number of ticks that were late; None if it is not recorded.
+        design: remaining volumes at the end.
+        machines: by namespace.
+    """
+
+    run_id: int | None
+    simulated_time: float
+    wall_time: float
+    cut: float | None = None
+    fill: float | None = None
+    excavated: dict[int, float] = field(default_factory=dict)
+    deposited: dict[int, float] = field(default_factory=dict)
+    max_imbalance: int | None = None
+    late_ticks: int | None = None
+    design: dict[str, float] = field(default_factory=dict)
+    machines: dict[str, MachineSummary] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all figures as plain values."""
+        content = asdict(self)
+        for name, machine in self.machines.items():
+            content["machines"][name]["cycles"] = [
+                {**asdict(each), "duration": each.duration, "productivity": each.productivity}
+                for each in machine.cycles
+            ]
+        return content
+
+
+def summarise(run: RunData) -> RunSummary:
+    """Return the figures of a run."""
+    summary = RunSummary(run.run_id, run.simulated_time, run.wall_time)
+    if run.terrain.grid is not None:
+        change = run.terrain.volume_change
+        summary.cut = float(-change[change < 0].sum())
+        summary.fill = float(change[change > 0].sum())
+    for totals, into in (
+        (run.excavated, summary.excavated),
+        (run.deposited, summary.deposited),
+    ):
+        into.update({number: float(trace.values[-1]) for number, trace in totals.items()})
+    if len(run.imbalance):
+        values = run.imbalance.values
+        summary.max_imbalance = int(values[np.argmax(np.abs(values))])
+    if len(run.late_ticks):
+        summary.late_ticks = int(run.late_ticks.values[-1])
+    summary.design = {name: float(trace.values[-1]) for name, trace in run.design.items()}
+    summary.machines = {
+        name: _machine(machine)
+        for name, machine in sorted(run.machines.items())
+        if _has_content(machine)
+    }
+    return summary
+
+
+def _has_content(machine: MachineData) -> bool:
+    return bool(
+        len(machine.payload)
+        or machine.positions
+        or machine.velocities
+        or len(machine.path[0])
+        or machine.commands
+    )
+
+
+def _machine(data: MachineData) -> MachineSummary:
+    summary = MachineSummary(reported=data.reports)
+    if len(data.payload):
+        payload = data.payload.values
+        summary.max_payload = float(payload.max())
+        has_swing = bool(len(data.swing))
+        summary.cycles = find_work_cycles(
+            data.payload.times,
+            payload,
+            data.swing.times if has_swing else None,
+            data.swing.values if has_swing else None,
+        )
+        summary.summary = _all_cycles(summary.cycles)
+    summary.phase_times = _phase_times(data)
+    if len(data.path[0]) > 1:
+        x, y = (trace.values for trace in data.path)
+        count = min(x.size, y.size)
+        summary.distance = float(np.hypot(np.diff(x[:count]), np.diff(y[:count])).sum())
+    summary.latency = _latency(data)
+    summary.max_forces = {name: float(trace.values.max()) for name, trace in data.forces.items()}
+    return summary
+
+
+def _all_cycles(cycles: list[WorkCycle]) -> CycleSummary | None:
+    if not cycles:
+        return None
+    durations = np.array([each.duration for each in cycles])
+    volume = sum(each.volume for each in cycles)
+    return CycleSummary(
+        len(cycles),
+        volume,
+        volume / len(cycles),
+        float(np.median(durations)),
+        float(durations.min()),
+        float(durations.max()),
+        3600.0 * volume / float(durations.sum()) if durations.sum() > 0 else 0.0,
+    )
+
+
+def _phase_times(data: MachineData) -> dict[str, float]:
+    """Return the mean time of each part of a cycle by the phases of the operator [s]."""
+    if len(data.phases) < 2 or not data.reports:
+        return {}
+    sums = dict.fromkeys(("return", "dig", "lift", "swing", "dump"), 0.0)
+    for phase, following in zip(data.phases, data.phases[1:], strict=False):
+        sums[_PHASE_GROUPS.get(phase.phase, "return")] += following.time - phase.time
+    return {name: total / len(data.reports) for name, total in sums.items()}
+
+
+def _latency(data: MachineData) -> LatencySummary | None:
+    samples = data.latency.samples
+    if not samples:
+        return None
+    wall = np.array([each.wall for each in samples])
+    simulated = [each.simulated for each in samples if each.simulated is not None]
+    return LatencySummary(
+        len(samples),
+        float(np.median(wall)),
+        float(np.percentile(wall, 95)),
+        float(wall.max()),
+        float(np.median(simulated)) if simulated else None,
+    )

@@ -1,0 +1,68 @@
+"""The terrain at the begin and the end of what is recorded."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msg_bridge.codec.terrain import TerrainMap
+from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.rows import Rows
+
+__all__ = ["TerrainHistory"]
+
+
+class TerrainHistory:
+    """The terrain of a run: its first map, and later maps and updates on it.
+
+    Attributes:
+        grid: the grid; None without a map.
+        before, after: heights of the columns [m], shape (rows, cols).
+        loose_depth: depth of loose soil at the end [m], shape (rows, cols).
+        volume_change: bank volume at the end minus that at the begin [m^3], shape (rows, cols).
+    """
+
+    def __init__(self) -> None:
+        self.grid: Grid | None = None
+        self.before: NDArray[np.float64] = np.zeros((0, 0))
+        self.after = self.loose_depth = self.before
+        self._start_volume: NDArray[np.int64] = np.zeros((0, 0), dtype=np.int64)
+        self._volume = self._start_volume
+        self._revision: NDArray[np.int64] = self._start_volume
+
+    @property
+    def volume_change(self) -> NDArray[np.float64]:
+        """Bank volume at the end minus that at the begin [m^3], shape (rows, cols)."""
+        return np.asarray((self._volume - self._start_volume) * 1e-9, dtype=np.float64)
+
+    def add_map(self, terrain: TerrainMap) -> None:
+        """Add a map; one of another grid than the first is ignored."""
+        frame = terrain.keyframe
+        if self.grid is None:
+            self.grid = frame.grid
+            self.before = frame.elevation.copy()
+            self._start_volume = frame.volume_mm3.copy()
+            self._revision = np.full(frame.grid.shape, -1, dtype=np.int64)
+            self.after, self.loose_depth = self.before.copy(), terrain.loose_depth.copy()
+            self._volume = self._start_volume.copy()
+        if frame.grid.shape != self.grid.shape:
+            return
+        is_newer = frame.revision >= self._revision
+        self.after[is_newer] = frame.elevation[is_newer]
+        self.loose_depth[is_newer] = terrain.loose_depth[is_newer]
+        self._volume[is_newer] = frame.volume_mm3[is_newer]
+        self._revision[is_newer] = frame.revision
+
+    def add_updates(self, rows: Rows) -> None:
+        """Add MAP_UPDATE rows, of which each is the state of a column."""
+        if self.grid is None or not rows.size:
+            return
+        at = rows["row"].astype(np.intp), rows["col"].astype(np.intp)
+        inside = (at[0] < self.grid.rows) & (at[1] < self.grid.cols)
+        rows, at = rows[inside], (at[0][inside], at[1][inside])
+        is_newer = rows["revision"] >= self._revision[at]
+        rows, at = rows[is_newer], (at[0][is_newer], at[1][is_newer])
+        self.after[at] = rows["z"]
+        self.loose_depth[at] = rows["loose_depth"]
+        self._volume[at] = rows["volume_mm3"].astype(np.int64)
+        self._revision[at] = rows["revision"]

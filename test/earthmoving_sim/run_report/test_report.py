@@ -1,0 +1,131 @@
+"""The page of a bag has its figures, and reasons for what is missing."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from std_msgs.msg import Float64MultiArray, Int64MultiArray, String
+from support.recorded_messages import Recording
+
+from earthmoving_sim.cli import main
+from earthmoving_sim.run_report import write_report
+from msg_bridge.audit.bag_audit import audit_bag
+from msg_bridge.bag.reader import BagReader
+from msg_bridge.codec.machine_state import PayloadState, to_payload_array
+
+BAGS = Path(__file__).parents[3] / "bags"
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, dict[str, Any], Path]:
+    """Page, figures and folder of the report on a recorded dig."""
+    folder = tmp_path_factory.mktemp("report")
+    written = write_report(BagReader(BAGS / "format_2"), folder)
+    return written.page.read_text(encoding="utf-8"), written.summary.to_dict(), folder
+
+
+def test_volumes_are_those_of_the_audit(report: tuple[str, dict[str, Any], Path]) -> None:
+    page, figures, _ = report
+    (run,) = audit_bag(BAGS / "format_2").runs
+    assert figures["max_imbalance"] == run.max_imbalance_mm3 == 0
+    assert figures["excavated"] == {1: pytest.approx(run.moved_mm3["EXCAVATE"] * 1e-9)}
+    assert figures["deposited"] == {1: pytest.approx(run.moved_mm3["DEPOSIT"] * 1e-9)}
+    lost = (run.moved_mm3["OUTSIDE"]) * 1e-9
+    assert figures["cut"] - figures["fill"] == pytest.approx(lost, abs=0.05)
+    assert f"{figures['cut']:.3f}" in page
+    assert "6.52 m³" in page
+    assert figures["run_id"] == run.run_id
+
+
+def test_page_has_its_pictures_inside_and_no_link_to_elsewhere(
+    report: tuple[str, dict[str, Any], Path],
+) -> None:
+    page, _, folder = report
+    pictures = list(folder.glob("*.png"))
+    assert page.count('src="data:image/png;base64,') == len(pictures) >= 5
+    assert {"cut_fill.png", "accounts.png", "production.png"} <= {each.name for each in pictures}
+    assert re.findall(r'(?:src|href)="(?!data:|#)', page) == []
+    assert "<script" not in page
+    assert "Its payload is not recorded" in page
+    assert "moved volume" in page  # of the operator
+
+
+def test_bag_of_another_machine_has_what_its_topics_allow(tmp_path: Path) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    joint_state = store.types["sensor_msgs/msg/JointState"]
+    header, time = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
+    with Writer(tmp_path / "other", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection(
+            "/zx135/joint_states", joint_state.__msgtype__, typestore=store
+        )
+        for number in range(200):
+            values = np.array([0.01 * number, 1.0])
+            message = joint_state(
+                header(time(0, 0), ""), ["boom", "arm"], values, values, np.zeros(0)
+            )
+            data = store.serialize_cdr(message, joint_state.__msgtype__)
+            writer.write(connection, 10**18 + number * 10**7, data)
+    written = write_report(BagReader(tmp_path / "other"), tmp_path / "report")
+    page = written.page.read_text(encoding="utf-8")
+    assert list(written.summary.machines) == ["/zx135"]
+    assert (tmp_path / "report/zx135_joints.png").stat().st_size > 10_000
+    for reason in ("no terrain map", "no ledger", "payload is not recorded", "no /diagnostics"):
+        assert reason in page
+
+
+def test_malformed_messages_are_counted_and_the_rest_is_used(tmp_path: Path) -> None:
+    recording = Recording()
+    for number in range(600):
+        time = 0.1 * number
+        volume = max(0.0, min(1.0, (time % 20 - 5) / 4, (16 - time % 20)))
+        recording.add("/m/payload", to_payload_array(PayloadState(volume, 0.0, 0.0, volume, time)))
+        if number % 100 == 0:
+            recording.add("/m/payload", Float64MultiArray(data=[np.nan]))
+            recording.add("/sim/config", String(data="run: {run_id: x}"))
+            recording.add("/m/operator/cycles", String(data="[1]"))
+            recording.add("/soil/ledger", Int64MultiArray(data=[1, 2]))
+    recording.add("/soil/tick", Int64MultiArray())  # so that times are simulation times
+    path = recording.write(tmp_path / "bag.mcap")
+    written = write_report(BagReader(path), tmp_path / "report")
+    assert written.malformed == dict.fromkeys(
+        ("/m/payload", "/sim/config", "/m/operator/cycles", "/soil/ledger"), 6
+    )
+    summary = written.summary.machines["/m"].summary
+    assert summary is not None
+    assert summary.count == 3
+    assert summary.median_duration == pytest.approx(20.0, abs=0.2)
+    assert "6 on /m/payload" in written.page.read_text(encoding="utf-8")
+
+
+def test_one_run_of_several_is_chosen(tmp_path: Path) -> None:
+    recording = Recording()
+    for run_id in (4, 5):
+        recording.add("/sim/config", String(data=f"run: {{run_id: {run_id}}}"))
+        for number in range(3):
+            message = to_payload_array(PayloadState(0.1 * run_id, 0.0, 0.0, 0.1, float(number)))
+            recording.add("/m/payload", message)
+    path = recording.write(tmp_path / "bag.mcap")
+    for chosen, volume in ((None, 0.5), (4, 0.4)):
+        written = write_report(BagReader(path), tmp_path / f"report_{chosen}", run_id=chosen)
+        assert written.run_ids == [4, 5]
+        assert written.summary.machines["/m"].max_payload == pytest.approx(volume)
+    assert main(["report", str(path), "--run", "6", "-o", str(tmp_path / "none")]) == 2
+
+
+def test_command_prints_the_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    recording = Recording()
+    recording.add("/m/payload", to_payload_array(PayloadState(1.0, 0.0, 0.0, 0.5, 2.0)))
+    path = recording.write(tmp_path / "bag.mcap")
+    folder = tmp_path / "out"
+    assert main(["report", str(path), "-o", str(folder), "--title", "<Site> A", "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["page"] == str(folder / "index.html")
+    assert figures["machines"]["/m"]["max_payload"] == 1.0
+    assert "<h1>&lt;Site&gt; A</h1>" in (folder / "index.html").read_text(encoding="utf-8")
