@@ -119,7 +119,7 @@ def add_problems(page: Page, reader: BagReader, run: RunData) -> None:
     if not run.diagnostics:
         page.note("The bag has no /diagnostics.")
     elif not (rows or run.rejections or run.problems):
-        page.note("No node refused an input or reported a problem.")
+        page.note("No node rejected an input or reported a problem.")
 
 
 def add_setup(page: Page, run: RunData) -> None:
