@@ -230,19 +230,23 @@ def parse_section(text: str, name: str) -> dict[str, Any]:
         ) from error
 
 
-def _load(text: str) -> Any:
+def _load(text: str) -> dict[Any, Any]:
     """Parse YAML from outside.
 
     Raises:
-        ValueError: it is too long, or nested too deep.
+        ValueError: it is too long, nested too deep, or no mapping of sections.
         yaml.YAMLError: it is not YAML.
     """
     if len(text) > _MAX_TEXT_LENGTH:
         raise ValueError(f"{len(text)} characters are too long; give at most {_MAX_TEXT_LENGTH}")
     try:
-        return yaml.safe_load(text)
+        content = yaml.safe_load(text)
     except RecursionError:
         raise ValueError("it is nested too deep") from None
+    if not isinstance(content, dict):
+        found = "empty" if content is None else f"a {type(content).__name__}"
+        raise ValueError(f"it is {found}; give sections by name")
+    return content
 
 
 def _loose_soil(values: Mapping[str, Any]) -> LooseSoil:

@@ -69,14 +69,16 @@ def tick_from_stamp(stamp: Time, period: float) -> int:
     return tick
 
 
-def clock_time_ns(data: bytes) -> int:
-    """Return the time of a serialised rosgraph_msgs/Clock [ns].
+def clock_time_ns(data: bytes) -> int | None:
+    """Return the time of a serialised rosgraph_msgs/Clock [ns]; None if it is negative.
 
     Args:
         data: its CDR bytes, little-endian.
     """
+    if len(data) < len(LITTLE_ENDIAN) + STAMP.size:
+        return None
     seconds, nanoseconds = STAMP.unpack_from(data, len(LITTLE_ENDIAN))
-    return int(seconds) * _NANO + int(nanoseconds)
+    return int(seconds) * _NANO + int(nanoseconds) if seconds >= 0 else None
 
 
 @cache

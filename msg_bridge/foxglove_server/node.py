@@ -147,7 +147,8 @@ class FoxgloveServerNode(SimNode):
         last_time = self._sim_time
         for message in messages:
             if message.topic == self._clock_topic:
-                self._sim_time = clock_time_ns(message.data)
+                time = clock_time_ns(message.data)
+                self._sim_time = self._sim_time if time is None else time
             if message.topic in self._channels.topics:
                 self._channels.send(message, self._sim_time)
         for message in self._tf.convert(messages) if self._params.make_tf else ():

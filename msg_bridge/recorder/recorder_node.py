@@ -196,8 +196,10 @@ class RecorderNode(Node):
             self.recording.write(message, message.received_time)
             return
         if self._is_clock(message.topic):
-            self._sim_time = clock_time_ns(message.data)
-            self._write_messages_before_clock(self._sim_time)
+            time = clock_time_ns(message.data)
+            if time is not None:
+                self._sim_time = time
+                self._write_messages_before_clock(time)
             if not self._is_recorded(message.topic):
                 return
         if self._sim_time is not None:
