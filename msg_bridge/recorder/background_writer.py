@@ -126,14 +126,22 @@ class BackgroundWriter:
         self._raise_error()
         self._put(lambda: self._writer.attach(name, media_type, data, time), len(data))
 
-    def flush(self) -> None:
+    def flush(self, when_done: Callable[[], None] = lambda: None) -> None:
         """Have the queued messages moved to the file.
+
+        Args:
+            when_done: is called by the thread when they are in the file.
 
         Raises:
             BagError: the bag cannot be written.
         """
         self._raise_error()
-        self._put(self._writer.flush)
+
+        def flush() -> None:
+            self._writer.flush()
+            when_done()
+
+        self._put(flush)
 
     def split(self) -> None:
         """Have the next messages written to another file.
@@ -194,7 +202,7 @@ class BackgroundWriter:
         self._num_splits_done += 1
 
     def _run(self) -> None:
-        """Do the queued jobs; after an error, drop them, except those that only signal."""
+        """Do the queued jobs; after an error, drop the messages among them."""
         for job in iter(self._jobs.get, None):
             try:
                 if self._error is None or not job.size:

@@ -66,6 +66,7 @@ class BagRecording:
         self.input_files = InputFileRecording(writer)
         self.messages = 0
         self.num_bytes = 0
+        self._messages_in_file = 0
         self._writer = writer
         self._repeat_period = round(params.repeat_transient_local_period * _NANO)
         self._keyframe_period = round(params.terrain_keyframe_period * _NANO)
@@ -221,7 +222,12 @@ class BagRecording:
         Raises:
             BagError: the bag cannot be written.
         """
-        self._writer.flush()
+        messages = self.messages
+
+        def note_messages() -> None:
+            self._messages_in_file = messages
+
+        self._writer.flush(note_messages)
 
     def close(self) -> None:
         """Finish the bag.
@@ -243,6 +249,7 @@ class BagRecording:
         - `bytes_on_disk`: size of the bag so far, in which messages are compressed [bytes]
         - `bytes_queued`: size of the messages that wait for the disk [bytes]
         - `files`: number of the bag's files
+        - `messages_in_file`: number of messages that a killed recorder leaves in the file
         - `num_lost`: number of lost messages, or rows where rows are numbered
         - `lost`: the same by topic, of topics with losses
         - `uncounted`: topics with several publishers, whose losses cannot be counted
@@ -253,6 +260,7 @@ class BagRecording:
             "path": self.path,
             "topics": len(self.topics),
             "messages": self.messages,
+            "messages_in_file": self._messages_in_file,
             "bytes": self.num_bytes,
             "bytes_on_disk": self._writer.size,
             "bytes_queued": self._writer.queue_size,

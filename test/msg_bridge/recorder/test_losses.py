@@ -94,6 +94,7 @@ def test_status_and_diagnostics_report_losses(ros, recorder, tmp_path):
     status = json.loads(statuses[-1].data)
     assert size <= status.pop("bytes") < size + 1001 * 4  # the middleware pads
     assert status.pop("bytes_queued") >= 0
+    assert 0 <= status.pop("messages_in_file") <= 1001
     assert 0 < status.pop("bytes_on_disk") <= (tmp_path / "dig/dig_0.mcap").stat().st_size
     assert status == {
         "path": str(tmp_path / "dig"),

@@ -24,7 +24,7 @@ sys.exit(main())
 
 
 def has_recorded(status: list[String], count: int) -> bool:
-    return bool(status) and json.loads(status[-1].data)["messages"] >= count
+    return bool(status) and json.loads(status[-1].data)["messages_in_file"] >= count
 
 
 def test_terminated_process_leaves_a_complete_bag(ros, ros_process, tmp_path):
