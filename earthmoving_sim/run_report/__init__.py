@@ -4,6 +4,7 @@ Modules in the order of use:
 
 - `trace`: a value over time in bounded memory
 - `run_data`: what is kept of a run
+- `soil_handlers`, `machine_handlers`: what is kept of the messages of each topic
 - `reading`: one pass over a bag, which fills the data of a run
 - `terrain_history`: the terrain at the begin and the end of what is recorded
 - `work_cycles`: cycles of a machine by its payload, with the times of dig, lift, swing and dump

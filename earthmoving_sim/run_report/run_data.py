@@ -5,13 +5,23 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from earthmoving_sim.run_report.latency import CommandLatency
 from earthmoving_sim.run_report.terrain_history import TerrainHistory
 from earthmoving_sim.run_report.trace import Trace
+from msg_bridge.codec.labelled_array import array_label
 
-__all__ = ["MachineData", "MovedVolumes", "PhaseChange", "Problem", "RunData"]
+__all__ = [
+    "Handler",
+    "MachineData",
+    "MovedVolumes",
+    "PhaseChange",
+    "Problem",
+    "ReadingState",
+    "RunData",
+    "labelled",
+]
 
 _FULL = 2_000_000
 """Samples of payload and swing are kept in full, for cycles: 11 hours at 50 Hz."""
@@ -168,6 +178,42 @@ class RunData:
         """Note a simulation time [s] of a message."""
         self.first_time = time if self.first_time is None else min(self.first_time, time)
         self.last_time = max(self.last_time, time)
+
+
+class ReadingState(Protocol):
+    """The run that is read."""
+
+    @property
+    def run(self) -> RunData:
+        """Its data, which are others when the next run begins."""
+
+    @property
+    def is_simulation(self) -> bool:
+        """Whether times are simulation times; else they are log times."""
+
+    def seconds(self, log_time: int) -> float:
+        """Return the time since the first message of the run [s].
+
+        Args:
+            log_time: a log time [ns].
+        """
+
+    def time(self, stamp: Any, log_time: int) -> float:
+        """Return the simulation time of a message [s]; without a simulation, `seconds`.
+
+        Args:
+            stamp: its stamp, a builtin_interfaces/Time.
+            log_time: its log time [ns].
+        """
+
+
+def labelled(message: Any) -> dict[str, float]:
+    """Return the values of a labelled array by name.
+
+    Raises:
+        CodecError: it has no labels.
+    """
+    return dict(zip(array_label(message).split(","), message.data, strict=True))
 
 
 Handler = Callable[[Any, int], None]
