@@ -87,7 +87,7 @@ class BackgroundWriter:
         return self._error is not None
 
     def add_topic(
-        self, topic: str, type_name: str, offered: Sequence[OfferedQos], hash_: str | None
+        self, topic: str, type_name: str, offered: Sequence[OfferedQos], advertised_hash: str | None
     ) -> None:
         """Add a topic; arguments are those of `BagWriter.add_topic`.
 
@@ -95,7 +95,7 @@ class BackgroundWriter:
             SchemaError: the type is not installed.
         """
         schema_text(type_name)  # cached; an unknown type is an error here and not in the thread
-        advertised = hash_ or type_hash(type_name)
+        advertised = advertised_hash or type_hash(type_name)
         self._topics.append(topic)
         self._put(lambda: self._writer.add_topic(topic, type_name, offered, advertised))
 
@@ -209,4 +209,7 @@ class BackgroundWriter:
                     job.call()
             except BagError as error:
                 self._error = self._error or error
+            except Exception as error:  # else the thread would end, and nothing be reported
+                text = f"{self.path} cannot be continued: {type(error).__name__}: {error}"
+                self._error = self._error or BagError(text)
             self._num_bytes_done += job.size

@@ -49,6 +49,9 @@ _TERMINAL_PERIOD = 0.5  # of progress on a terminal
 _LOG_PERIOD = 5.0  # of progress in a log
 _MAX_DRAIN_TIME = 1.0
 
+_MIN_REPORTED_QUEUE = 1 << 24
+"""Size of the queue at the end from which on it is reported that it is written [bytes]."""
+
 _MAX_MESSAGES_BEFORE_CLOCK = 10_000
 """Maximum number of messages kept until the first /clock; then simulation time 0 is assumed."""
 
@@ -112,6 +115,10 @@ class RecorderNode(Node):
                 pass
             self._write_messages_before_clock(0)
             self._graph_topics.check_publishers(resubscribe=False)
+            waiting = self.recording.status()["bytes_queued"]
+            if waiting > _MIN_REPORTED_QUEUE:
+                self._end_line()
+                self.get_logger().info(f"the disk is slow: writing the last {waiting / 1e6:.0f} MB")
         self.recording.close()
         if not self.recording.has_failed:
             self._end_line()
