@@ -118,6 +118,8 @@ class PlayerNode(Node):
 
     def _is_played(self, topic: str) -> bool:
         """Return whether a topic is selected; state of recorder and player only by name."""
+        if topic == _CLOCK and self._params.clock != "auto":
+            return False
         is_own = topic.endswith(f"/{topics.RECORDER_STATUS}") or topic == f"/{_NAME}/status"
         return self._params.is_selected(topic) and bool(self._params.include or not is_own)
 
@@ -160,14 +162,10 @@ class PlayerNode(Node):
     def _make_clock_publisher(self, reader: BagReader) -> Publisher | None:
         """Return the publisher of log times as /clock; None if there is none."""
         mode = self._params.clock
-        is_recorded = _CLOCK in reader.topics
-        if mode == "none" or (mode == "auto" and is_recorded):
-            return None
-        if _CLOCK in self._by_topic:
-            raise PlayError(
-                f"{self._path} has {_CLOCK}; leave out --clock log, or exclude that topic"
-            )
-        return self.create_publisher(Clock, self._params.published_name(_CLOCK), qos.STATE)
+        is_missing = _CLOCK not in reader.topics and self._params.is_selected(_CLOCK)
+        if mode == "log" or (mode == "auto" and is_missing):
+            return self.create_publisher(Clock, self._params.published_name(_CLOCK), qos.STATE)
+        return None
 
     def _create_control(self) -> None:
         self._status = self.create_publisher(String, "~/status", qos.TRANSIENT_LOCAL)

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from builtin_interfaces.msg import Time
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64, Int64MultiArray, String
@@ -95,4 +96,26 @@ def test_topics_of_a_running_simulation_are_not_mixed(ros: Ros, bag: Path) -> No
     player = play(ros, bag, prefix="recorded", exclude="^/soil", rate=10.0)
     ros.spin_until(lambda: player.finished)
     ros.spin_until(lambda: len(texts) == 300)
+    player.stop()
+
+
+@pytest.mark.parametrize(("mode", "seconds"), [("auto", {7}), ("log", {50}), ("none", set())])
+def test_clock_is_recorded_or_made_from_log_times(
+    ros: Ros, tmp_path: Path, mode: str, seconds: set[int]
+) -> None:
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic("/clock", "rosgraph_msgs/msg/Clock", [OfferedQos()])
+    for number in range(30):
+        clock = serialize_message(Clock(clock=Time(sec=7, nanosec=number)))
+        time = 50 * SECOND + number * SECOND // 100
+        writer.write("/clock", clock, time, time)
+    writer.add_topic(TEXTS, "std_msgs/msg/String", [OfferedQos()])
+    writer.write(TEXTS, serialize_message(String(data="last")), time, time)
+    writer.close()
+    clocks = ros.collect("/clock", Clock, qos.STATE)
+    texts = ros.collect(TEXTS, String)
+    player = play(ros, tmp_path / "bag", clock=mode)
+    ros.spin_until(lambda: player.finished and bool(texts))
+    ros.spin_for(0.1)
+    assert {message.clock.sec for message in clocks} == seconds
     player.stop()
