@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -19,7 +19,7 @@ from typing import IO, NamedTuple
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Schema, Statistics
-from mcap.stream_reader import breakup_chunk
+from mcap.stream_reader import breakup_chunk, get_chunk_data_stream
 
 from msg_bridge.contract.errors import EarthmovingError
 
@@ -28,10 +28,12 @@ __all__ = [
     "BagReadError",
     "FileSegment",
     "McapFile",
+    "RecordedMessage",
     "damage",
     "index_file",
     "parse_attachment",
     "read_attachment",
+    "read_messages",
     "read_records",
 ]
 
@@ -254,6 +256,55 @@ def read_records(file: McapFile, stream: IO[bytes], segment: FileSegment) -> lis
         return breakup_chunk(Chunk.read(ReadDataStream(BytesIO(data))), validate_crc=True)
     except Exception as error:
         raise damage(file.path, segment.offset, error) from error
+
+
+class RecordedMessage(NamedTuple):
+    """A message as it was recorded: channel id, log time [ns] and bytes."""
+
+    channel: int
+    log_time: int
+    data: bytes
+
+
+def read_messages(
+    file: McapFile, stream: IO[bytes], segment: FileSegment, channels: Container[int]
+) -> list[RecordedMessage]:
+    """Return the messages of some channels in a segment of a file; others are not parsed.
+
+    Raises:
+        BagReadError: the segment is damaged.
+    """
+    stream.seek(segment.offset)
+    content = stream.read(segment.length)
+    try:
+        if segment.is_chunk:
+            chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+            records, length = get_chunk_data_stream(chunk, validate_crc=True)
+            return _messages_in(records.read(length), channels)
+        return _messages_in(_RECORD_HEADER.pack(Opcode.MESSAGE, len(content)) + content, channels)
+    except Exception as error:
+        raise damage(file.path, segment.offset, error) from error
+
+
+def _messages_in(data: bytes, channels: Container[int]) -> list[RecordedMessage]:
+    """Return the messages of some channels in the records of a chunk.
+
+    Raises:
+        ValueError, struct.error: the records are cut short.
+    """
+    found, position = [], 0
+    while position < len(data):
+        opcode, length = _RECORD_HEADER.unpack_from(data, position)
+        position += _RECORD_HEADER.size
+        if position + length > len(data):
+            raise ValueError("its last record is cut short")
+        if opcode == Opcode.MESSAGE:
+            channel, _, log_time, _ = _MESSAGE_HEADER.unpack_from(data, position)
+            if channel in channels:
+                begin = position + _MESSAGE_HEADER.size
+                found.append(RecordedMessage(channel, log_time, data[begin : position + length]))
+        position += length
+    return found
 
 
 _PARSERS: dict[int, Callable[[ReadDataStream, int], McapRecord]] = {

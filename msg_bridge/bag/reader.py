@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.records import Channel, Message
+from mcap.records import Channel
 
 from msg_bridge.bag.bag_files import find_bag_files
 from msg_bridge.bag.bundled_types import BUNDLED_TYPES
@@ -29,7 +29,7 @@ from msg_bridge.bag.mcap_index import (
     McapFile,
     index_file,
     read_attachment,
-    read_records,
+    read_messages,
 )
 from msg_bridge.bag.message_index import MessageIndex
 from msg_bridge.bag.metadata import OfferedQos, from_qos_yaml
@@ -330,12 +330,12 @@ class BagReader:
                     time, _, topic, data, is_delta = heapq.heappop(pending)
                     yield time, topic, data, is_delta
                 file = self._files[segment.file]
-                for record in read_records(file, streams[segment.file], segment):
-                    if isinstance(record, Message) and record.channel_id in channels[segment.file]:
-                        name, is_delta = channels[segment.file][record.channel_id]
-                        num_read += 1
-                        entry = (record.log_time, num_read, name, record.data, is_delta)
-                        heapq.heappush(pending, entry)
+                wanted_here = channels[segment.file]
+                for message in read_messages(file, streams[segment.file], segment, wanted_here):
+                    name, is_delta = wanted_here[message.channel]
+                    num_read += 1
+                    entry = (message.log_time, num_read, name, message.data, is_delta)
+                    heapq.heappush(pending, entry)
             while pending:
                 time, _, topic, data, is_delta = heapq.heappop(pending)
                 yield time, topic, data, is_delta

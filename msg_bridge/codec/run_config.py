@@ -12,6 +12,7 @@ import math
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import lru_cache
 from importlib import metadata
 from typing import Any
 
@@ -230,7 +231,8 @@ def parse_section(text: str, name: str) -> dict[str, Any]:
         ) from error
 
 
-def _load(text: str) -> dict[Any, Any]:
+@lru_cache(maxsize=32)  # bags repeat configurations, and parsing one takes 15 ms
+def _load(text: str) -> Mapping[Any, Any]:
     """Parse YAML from outside.
 
     Raises:
