@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msg_bridge.contract.errors import EarthmovingError
+
 if TYPE_CHECKING:
     from earthmoving_sim.bag_export import BagExport
 
@@ -50,8 +52,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Export the bags and print what was written; return 0 if it was everything, else 1."""
-    from earthmoving_sim.bag_export import export_bag
-    from earthmoving_sim.bag_export.parquet_file import ExportError
+    try:
+        from earthmoving_sim.bag_export import export_bag
+        from earthmoving_sim.bag_export.parquet_file import ExportError
+    except ImportError as error:
+        raise EarthmovingError(f"{error}; the export needs pyarrow: pip install pyarrow") from error
     from earthmoving_sim.reading_progress import reading_progress
     from msg_bridge.bag.reader import BagReader
     from msg_bridge.raw_topics.topic_selection import is_topic_selected, validate_expression

@@ -48,6 +48,7 @@ DEPENDENCIES = (
     Dependency("mcap", "import mcap.writer"),
     Dependency("rosbags", "import rosbags.rosbag2"),
     Dependency("rasterio", "import rasterio"),
+    Dependency("pyarrow", "import pyarrow.parquet"),
     Dependency("matplotlib", "import matplotlib.figure"),
     Dependency("pillow", "import PIL.Image"),
     Dependency("aiohttp", "import aiohttp.web"),
