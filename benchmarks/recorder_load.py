@@ -16,6 +16,7 @@ import statistics
 import sys
 import tempfile
 import time
+from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import NamedTuple
 
@@ -87,15 +88,16 @@ def run_recorder(rate: float, seconds: float, compression: str) -> LoadResult:
             Path(folder) / "recorder.log",
         )
         context = multiprocessing.get_context("spawn")
-        queue = context.Queue()
-        publisher = context.Process(target=publish, args=(rate, seconds, queue))
+        queue, is_recorded = context.Queue(), context.Event()
+        publisher = context.Process(target=publish, args=(rate, seconds, queue, is_recorded))
         publisher.start()
         queue.get(timeout=START_TIMEOUT)  # the first message is due
         cpu = -recorder.cpu_time
         num_sent, num_bytes, wall = queue.get(timeout=seconds + START_TIMEOUT)
         cpu += recorder.cpu_time
-        publisher.join()
         recorder.stop()
+        is_recorded.set()  # losses are counted while the publisher exists
+        publisher.join()
         metadata = yaml.safe_load((bag / "metadata.yaml").read_text())
         information = metadata["rosbag2_bagfile_information"]
         lost = yaml.safe_load(information["custom_data"]["lost"])
@@ -110,7 +112,10 @@ def run_recorder(rate: float, seconds: float, compression: str) -> LoadResult:
 
 
 def publish(
-    rate: float, seconds: float, queue: multiprocessing.Queue[tuple[int, int, float]]
+    rate: float,
+    seconds: float,
+    queue: multiprocessing.Queue[tuple[int, int, float]],
+    is_recorded: Event,
 ) -> None:
     """Publish both topics at a rate [bytes/s].
 
@@ -119,6 +124,7 @@ def publish(
         seconds: wall time [s].
         queue: receives a first entry when the recorder is ready, and then number and size [bytes]
             of the messages and the wall time [s].
+        is_recorded: is set when the recorder has ended.
     """
     import rclpy
     from rclpy.qos import QoSProfile
@@ -144,7 +150,6 @@ def publish(
         if time.monotonic() > deadline:
             sys.exit("the recorder does not subscribe")
         time.sleep(0.05)
-    time.sleep(0.5)  # the other direction of the match
     queue.put((0, 0, 0.0))
     sizes, parts = (LARGE, SMALL), (LARGE_PART, 1 - LARGE_PART)
     counts = [0, 0]
@@ -159,8 +164,8 @@ def publish(
     wall = time.monotonic() - start
     for each in publishers:
         each.wait_for_all_acked()
-    time.sleep(1.0)  # the recorder polls, and reports
     queue.put((sum(counts), sum(c * s for c, s in zip(counts, sizes, strict=True)), wall))
+    is_recorded.wait()
     node.destroy_node()
     rclpy.shutdown()
 

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from earthmoving_sim.bag_export.columns import LOG_TIME, arrow_field
+from earthmoving_sim.bag_export.columns import LOG_TIME, arrow_field, with_free_names
 from earthmoving_sim.bag_export.units import unit_of
 
 __all__ = ["CloudTable"]
@@ -51,13 +51,8 @@ class CloudTable:
         fields = [LOG_TIME, arrow_field("stamp", pa.timestamp("ns"))]
         if self._is_organised:
             fields += [arrow_field("row", pa.uint32()), arrow_field("col", pa.uint32())]
-        for name in names:
-            base, shape = self._dtype[name].base, self._dtype[name].shape
-            kind = pa.from_numpy_dtype(base)
-            fields.append(
-                arrow_field(name, pa.list_(kind, shape[0]) if shape else kind, unit_of(name))
-            )
-        self.schema = pa.schema(fields)
+        of_points = [_point_field(name, self._dtype[name]) for name in names]
+        self.schema = pa.schema([*fields, *with_free_names(of_points, [f.name for f in fields])])
 
     def add(self, time: int, message: Any) -> bool:
         """Add the rows of a message; return whether it has the layout of the first one.
@@ -164,6 +159,12 @@ class _Intervals:
         if place + 1 < len(self._starts) and self._starts[place + 1] == end:
             self._ends[place] = self._ends.pop(place + 1)
             del self._starts[place + 1]
+
+
+def _point_field(name: str, dtype: np.dtype[Any]) -> pa.Field:
+    """Return the column of a field of the points."""
+    kind = pa.from_numpy_dtype(dtype.base)
+    return arrow_field(name, pa.list_(kind, dtype.shape[0]) if dtype.shape else kind, unit_of(name))
 
 
 def _layout(message: Any) -> tuple[Any, ...]:

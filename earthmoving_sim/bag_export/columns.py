@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from operator import attrgetter
 from typing import Any, NamedTuple
 
@@ -11,7 +11,7 @@ import pyarrow as pa
 from earthmoving_sim.bag_export.message_types import Field, MessageTypes
 from earthmoving_sim.bag_export.units import unit_of
 
-__all__ = ["LOG_TIME", "Column", "arrow_field", "columns_of", "struct_of"]
+__all__ = ["LOG_TIME", "Column", "arrow_field", "columns_of", "struct_of", "with_free_names"]
 
 _NANO = 10**9
 _STAMP, _DURATION = "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"
@@ -52,6 +52,23 @@ def arrow_field(name: str, kind: pa.DataType, unit: str = "") -> pa.Field:
 
 LOG_TIME = arrow_field("log_time", pa.timestamp("ns", "UTC"))
 """First column of every table: time of reception, or simulation time with `use_sim_time`."""
+
+
+def with_free_names(fields: Iterable[pa.Field], taken: Iterable[str]) -> list[pa.Field]:
+    """Return fields of which none has the name of another column; `_` is appended to such names.
+
+    Args:
+        fields: the fields, whose own names differ.
+        taken: names of the other columns.
+    """
+    names, found = set(taken), []
+    for each in fields:
+        name = each.name
+        while name in names:
+            name += "_"
+        names.add(name)
+        found.append(each.with_name(name))
+    return found
 
 
 def columns_of(types: MessageTypes, type_name: str) -> list[Column]:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 from collections import defaultdict
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 
 from earthmoving_sim.bag_export.cloud_tables import CloudTable
-from earthmoving_sim.bag_export.columns import LOG_TIME
+from earthmoving_sim.bag_export.columns import LOG_TIME, with_free_names
 from earthmoving_sim.bag_export.message_types import MessageTypes
 from earthmoving_sim.bag_export.parquet_file import ParquetFile
 from earthmoving_sim.bag_export.tables import (
@@ -24,6 +23,7 @@ from earthmoving_sim.bag_export.tables import (
     Table,
 )
 from msg_bridge.bag.reader import BagReader
+from msg_bridge.codec.run_config import versions
 
 __all__ = ["ExportedTopic", "TopicWriter"]
 
@@ -98,6 +98,7 @@ class TopicWriter:
         self._observed = _observing_table(result.type)
         self._has_content = self._observed is not None
         self._cloud: CloudTable | None = None
+        self._times: list[int] = []  # log time of each pending row [ns]
         self._columns: dict[str, list[Any]] = defaultdict(list)
         self._num_pending = 0
         self._previous = b""
@@ -182,7 +183,7 @@ class TopicWriter:
         if values is None:
             return False
         count = len(next(iter(values.values()))) if values else 0
-        self._columns[LOG_TIME.name] += count * [time]
+        self._times += count * [time]
         for name, column in values.items():
             self._columns[name] += column
         self._num_pending += count
@@ -204,9 +205,12 @@ class TopicWriter:
                 return
             batch = self._cloud.take()
         elif self._columns:
-            fields = [LOG_TIME, *self._table.fields]
-            arrays = [pa.array(self._columns[each.name], each.type) for each in fields]
-            batch = pa.RecordBatch.from_arrays(arrays, schema=pa.schema(fields))
+            fields = self._table.fields
+            arrays = [pa.array(self._times, LOG_TIME.type)]
+            arrays += [pa.array(self._columns[each.name], each.type) for each in fields]
+            schema = pa.schema([LOG_TIME, *with_free_names(fields, [LOG_TIME.name])])
+            batch = pa.RecordBatch.from_arrays(arrays, schema=schema)
+            self._times.clear()
             self._columns.clear()
         else:
             return
@@ -227,7 +231,7 @@ class TopicWriter:
             "bag": str(self._reader.path),
             "topic": self._result.topic,
             "type": self._result.type,
-            "software": f"earthmoving_sim {_version()}",
+            "software": f"earthmoving_sim {versions()['earthmoving_sim']}",
             "truncated_files": json.dumps(self._reader.truncated),
         }
 
@@ -237,10 +241,3 @@ def _observing_table(type_name: str) -> ArrayTable | JsonTable | None:
     if type_name in (_INTEGERS, _FLOATS):
         return ArrayTable(is_integer=type_name == _INTEGERS)
     return JsonTable() if type_name == _TEXT else None
-
-
-def _version() -> str:
-    try:
-        return metadata.version("earthmoving_sim")
-    except metadata.PackageNotFoundError:
-        return ""

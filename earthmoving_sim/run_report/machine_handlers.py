@@ -11,7 +11,7 @@ from earthmoving_sim.run_report.run_data import (
     Handler,
     MachineData,
     PhaseChange,
-    ReadingState,
+    TopicHandlers,
     labelled,
 )
 from msg_bridge.codec.rotations import rotation_matrix, yaw_pitch_roll
@@ -34,23 +34,11 @@ _COMMANDS = {
 """Types of the command topics."""
 
 
-class MachineHandlers:
-    """Handlers that add messages to the data of a machine."""
-
-    def __init__(self, reading: ReadingState) -> None:
-        """
-        Args:
-            reading: the run that is read.
-        """
-        self._reading = reading
+class MachineHandlers(TopicHandlers):
+    """Handlers of the topics of machines and their operators."""
 
     def find(self, topic: str, kind: str) -> Handler | None:
-        """Return the handler of a topic; None if it is not one of these.
-
-        Args:
-            topic: its name, relative to the simulation.
-            kind: its message type without the package.
-        """
+        """Return the handler of a topic; see `TopicHandlers`."""
         handlers: dict[tuple[str, str], Callable[[str], Handler]] = {
             (topics.PAYLOAD, "Float64MultiArray"): self._on_payload,
             (topics.JOINT_STATES, "JointState"): self._on_joints,

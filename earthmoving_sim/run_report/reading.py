@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from earthmoving_sim.run_report.machine_handlers import MachineHandlers
-from earthmoving_sim.run_report.run_data import Handler, RunData
+from earthmoving_sim.run_report.run_data import Handler, RunData, parse_config
 from earthmoving_sim.run_report.soil_handlers import SoilHandlers
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.contract import topics
@@ -94,7 +94,7 @@ class _Reading:
 
     def _begin_run(self, message: Any) -> None:
         """Begin with empty data if a configuration is that of another run."""
-        run_id = int(yaml.safe_load(message.data)["run"]["run_id"])
+        run_id = int(parse_config(message.data)["run"]["run_id"])
         self._present_id = run_id
         if run_id not in self.run_ids:
             self.run_ids.append(run_id)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
+
+import yaml
 
 from earthmoving_sim.run_report.latency import CommandLatency
 from earthmoving_sim.run_report.terrain_history import TerrainHistory
@@ -20,7 +23,9 @@ __all__ = [
     "Problem",
     "ReadingState",
     "RunData",
+    "TopicHandlers",
     "labelled",
+    "parse_config",
 ]
 
 _FULL = 2_000_000
@@ -140,7 +145,7 @@ class RunData:
     """
 
     run_id: int | None = None
-    configs: dict[str, dict[str, Any]] = field(default_factory=dict)
+    configs: dict[str, Mapping[str, Any]] = field(default_factory=dict)
     first_log: int | None = None
     last_log: int = 0
     first_time: float | None = None
@@ -205,6 +210,39 @@ class ReadingState(Protocol):
             stamp: its stamp, a builtin_interfaces/Time.
             log_time: its log time [ns].
         """
+
+
+class TopicHandlers:
+    """Handlers of some topics, which add their messages to the data of the run that is read."""
+
+    def __init__(self, reading: ReadingState) -> None:
+        """
+        Args:
+            reading: the run that is read.
+        """
+        self._reading = reading
+
+    def find(self, topic: str, kind: str) -> Handler | None:
+        """Return the handler of a topic; None if it is not one of these.
+
+        Args:
+            topic: its name, relative to the simulation.
+            kind: its message type without the package.
+        """
+        raise NotImplementedError
+
+
+@lru_cache(maxsize=32)  # the recorder repeats configurations, and parsing one takes 15 ms
+def parse_config(text: str) -> Mapping[str, Any]:
+    """Return the configuration of a node.
+
+    Raises:
+        yaml.YAMLError, TypeError: it is no mapping of sections.
+    """
+    content = yaml.safe_load(text)
+    if not isinstance(content, dict):
+        raise TypeError("a configuration has sections by name")
+    return content
 
 
 def labelled(message: Any) -> dict[str, float]:

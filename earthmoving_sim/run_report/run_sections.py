@@ -63,7 +63,7 @@ def add_overview(
 def add_timing(page: Page, run: RunData, summary: RunSummary) -> None:
     """Add how the run kept real time, and pauses."""
     rows = []
-    config = _node(run.configs.get("/sim", {}), "run")
+    config = _section(run.configs.get("/sim", {}), "run")
     if "sync" in config:
         rows.append(("synchronisation", str(config["sync"])))
     if summary.wall_time > 0.0 and run.first_time is not None:
@@ -152,8 +152,8 @@ def add_setup(page: Page, run: RunData) -> None:
             page.note("Versions: " + ", ".join(f"{k} {v}" for k, v in versions.items()))
 
 
-def _node(config: Any, section: str) -> Mapping[str, Any]:
-    found = config.get(section) if isinstance(config, dict) else None
+def _section(config: Mapping[str, Any], section: str) -> Mapping[str, Any]:
+    found = config.get(section)
     return found if isinstance(found, dict) else {}
 
 

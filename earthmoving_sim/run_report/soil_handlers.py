@@ -6,9 +6,14 @@ import json
 from typing import Any
 
 import numpy as np
-import yaml
 
-from earthmoving_sim.run_report.run_data import Handler, Problem, ReadingState, labelled
+from earthmoving_sim.run_report.run_data import (
+    Handler,
+    Problem,
+    TopicHandlers,
+    labelled,
+    parse_config,
+)
 from msg_bridge.codec.row_chunks import from_chunk_cloud
 from msg_bridge.codec.terrain import from_terrain_cloud
 from msg_bridge.contract import topics
@@ -23,23 +28,11 @@ _ACCOUNTS = ("in_flight", "pending", "particles", "absent", "outside")
 _NO_PROBLEM = ("ok", "")
 
 
-class SoilHandlers:
-    """Handlers that add messages to the data of the run."""
-
-    def __init__(self, reading: ReadingState) -> None:
-        """
-        Args:
-            reading: the run that is read.
-        """
-        self._reading = reading
+class SoilHandlers(TopicHandlers):
+    """Handlers of the topics of the soil and of all nodes."""
 
     def find(self, topic: str, kind: str) -> Handler | None:
-        """Return the handler of a topic; None if it is not one of these.
-
-        Args:
-            topic: its name, relative to the simulation.
-            kind: its message type without the package.
-        """
+        """Return the handler of a topic; see `TopicHandlers`."""
         handlers: dict[tuple[str, str], Handler] = {
             (topics.SIM_CONFIG, "String"): self.on_config(topic),
             (topics.TERRAIN_MAP, "PointCloud2"): self._on_map,
@@ -57,9 +50,7 @@ class SoilHandlers:
         """Return the handler of the configuration of a node."""
 
         def handle(message: Any, log_time: int) -> None:
-            content = yaml.safe_load(message.data)
-            if isinstance(content, dict):
-                self._reading.run.configs[topic.rpartition("/")[0]] = content
+            self._reading.run.configs[topic.rpartition("/")[0]] = parse_config(message.data)
 
         return handle
 

@@ -34,6 +34,8 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from msg_bridge.bag.mcap_records import MAGIC
+
 __all__ = ["COMPRESSORS", "ByteStream", "McapFileWriter"]
 
 COMPRESSORS: Mapping[str, Callable[[bytes], bytes]] = {
@@ -43,7 +45,6 @@ COMPRESSORS: Mapping[str, Callable[[bytes], bytes]] = {
 }
 """Compression of a chunk, by its name in the file."""
 
-_MAGIC = b"\x89MCAP0\r\n"
 _FOOTER_START = struct.Struct("<BQQQ")  # of the footer, what its checksum covers
 _FOOTER_LENGTH = 20
 
@@ -83,7 +84,7 @@ class McapFileWriter:
         self._chunk_indices: list[ChunkIndex] = []
         self._attachment_indices: list[AttachmentIndex] = []
         self._start_chunk()
-        self._write(_MAGIC + _to_bytes([Header(profile, library)]))
+        self._write(MAGIC + _to_bytes([Header(profile, library)]))
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a schema and return its id."""
@@ -215,7 +216,7 @@ class McapFileWriter:
         data = _content(summary) + _content(offsets)
         covered = _FOOTER_START.pack(Opcode.FOOTER, _FOOTER_LENGTH, start, offset_start)
         footer = Footer(start, offset_start, zlib.crc32(data + covered))
-        self._write(data + _to_bytes([footer]) + _MAGIC)
+        self._write(data + _to_bytes([footer]) + MAGIC)
 
     def _start_chunk(self) -> None:
         self._chunk = RecordBuilder()

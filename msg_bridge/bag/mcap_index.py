@@ -21,6 +21,14 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import breakup_chunk, get_chunk_data_stream
 
+from msg_bridge.bag.mcap_records import (
+    CHECKSUM,
+    CHUNK_TIMES,
+    MAGIC,
+    MESSAGE_HEADER,
+    RECORD_HEADER,
+    records_in,
+)
 from msg_bridge.contract.errors import EarthmovingError
 
 __all__ = [
@@ -37,12 +45,7 @@ __all__ = [
     "read_records",
 ]
 
-_MAGIC = b"\x89MCAP0\r\n"
-_RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of the content
-_CHUNK_TIMES = struct.Struct("<QQ")  # start of a chunk: log times of its first and last message
-_MESSAGE_HEADER = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _ATTACHMENT_HEADER = struct.Struct("<QQI")  # log time, time of creation, length of the name
-_CHECKSUM = struct.Struct("<I")
 
 
 class BagReadError(EarthmovingError):
@@ -115,7 +118,7 @@ def index_file(number: int, path: Path) -> McapFile:
         with path.open("rb") as stream:
             if not path.stat().st_size:
                 raise BagReadError(f"{path} is empty")
-            if stream.read(len(_MAGIC)) != _MAGIC:
+            if stream.read(len(MAGIC)) != MAGIC:
                 raise BagReadError(
                     f"{path} is not an MCAP file; if it is compressed, decompress it first"
                 )
@@ -157,19 +160,19 @@ def _scan_records(file: McapFile, number: int, stream: IO[bytes]) -> Statistics 
     size = file.path.stat().st_size
     statistics: Statistics | None = None
     while True:
-        header = stream.read(_RECORD_HEADER.size)
-        if len(header) < _RECORD_HEADER.size:
+        header = stream.read(RECORD_HEADER.size)
+        if len(header) < RECORD_HEADER.size:
             break
-        opcode, length = _RECORD_HEADER.unpack(header)
+        opcode, length = RECORD_HEADER.unpack(header)
         begin = stream.tell()
         end = begin + length
         if end > size or opcode == 0:  # a system crash leaves zeros at the end of a file
             break
         if opcode == Opcode.CHUNK:
-            start, _ = _CHUNK_TIMES.unpack(stream.read(_CHUNK_TIMES.size))
+            start, _ = CHUNK_TIMES.unpack(stream.read(CHUNK_TIMES.size))
             file.segments.append(FileSegment(start, number, begin, length, is_chunk=True))
         elif opcode == Opcode.MESSAGE:
-            _, _, start, _ = _MESSAGE_HEADER.unpack(stream.read(_MESSAGE_HEADER.size))
+            _, _, start, _ = MESSAGE_HEADER.unpack(stream.read(MESSAGE_HEADER.size))
             file.segments.append(FileSegment(start, number, begin, length, is_chunk=False))
         elif opcode == Opcode.ATTACHMENT:
             name = _attachment_name(stream)
@@ -215,8 +218,8 @@ def parse_attachment(content: bytes) -> Attachment:
     """
     attachment: Attachment = Attachment.read(ReadDataStream(BytesIO(content)))
     # The checksum is over all of the content before it; 0: there is none.
-    (checksum,) = _CHECKSUM.unpack(content[-_CHECKSUM.size :])
-    if checksum and checksum != zlib.crc32(content[: -_CHECKSUM.size]):
+    (checksum,) = CHECKSUM.unpack(content[-CHECKSUM.size :])
+    if checksum and checksum != zlib.crc32(content[: -CHECKSUM.size]):
         raise ValueError("its checksum is wrong")
     return attachment
 
@@ -281,7 +284,7 @@ def read_messages(
             chunk = Chunk.read(ReadDataStream(BytesIO(content)))
             records, length = get_chunk_data_stream(chunk, validate_crc=True)
             return _messages_in(records.read(length), channels)
-        return _messages_in(_RECORD_HEADER.pack(Opcode.MESSAGE, len(content)) + content, channels)
+        return _messages_in(RECORD_HEADER.pack(Opcode.MESSAGE, len(content)) + content, channels)
     except Exception as error:
         raise damage(file.path, segment.offset, error) from error
 
@@ -290,20 +293,17 @@ def _messages_in(data: bytes, channels: Container[int]) -> list[RecordedMessage]
     """Return the messages of some channels in the records of a chunk.
 
     Raises:
-        ValueError, struct.error: the records are cut short.
+        ValueError: the records are cut short; or struct.error.
     """
-    found, position = [], 0
-    while position < len(data):
-        opcode, length = _RECORD_HEADER.unpack_from(data, position)
-        position += _RECORD_HEADER.size
-        if position + length > len(data):
-            raise ValueError("its last record is cut short")
+    found, end = [], 0
+    for opcode, begin, end in records_in(data):
         if opcode == Opcode.MESSAGE:
-            channel, _, log_time, _ = _MESSAGE_HEADER.unpack_from(data, position)
+            channel, _, log_time, _ = MESSAGE_HEADER.unpack_from(data, begin)
             if channel in channels:
-                begin = position + _MESSAGE_HEADER.size
-                found.append(RecordedMessage(channel, log_time, data[begin : position + length]))
-        position += length
+                content = data[begin + MESSAGE_HEADER.size : end]
+                found.append(RecordedMessage(channel, log_time, content))
+    if end < len(data):
+        raise ValueError("its last record is cut short")
     return found
 
 

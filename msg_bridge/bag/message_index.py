@@ -21,13 +21,13 @@ from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
 
 from msg_bridge.bag.mcap_index import BagReadError, FileSegment, McapFile, damage
+from msg_bridge.bag.mcap_records import MESSAGE_HEADER, RECORD_HEADER, records_in
+from msg_bridge.bag.terrain_deltas import has_deltas
 from msg_bridge.codec.terrain_delta import apply_delta
 
 __all__ = ["MessageIndex"]
 
-_RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of the content
 _INDEX_HEADER = struct.Struct("<HI")  # channel, size of the entries
-_MESSAGE_HEADER = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _ENTRY = np.dtype([("time", "<u8"), ("offset", "<u8")])
 
 _MAX_KEYFRAMES = 3
@@ -53,14 +53,12 @@ class MessageIndex:
         self,
         files: Sequence[McapFile],
         topic_name: Callable[[McapFile, Channel], str | None],
-        has_deltas: Callable[[McapFile, Channel], bool],
         topics: Sequence[str],
     ) -> None:
         """
         Args:
             files: the indexed files of the bag.
             topic_name: returns the current name of the topic of a channel; None if it is not read.
-            has_deltas: returns whether a channel has maps of its topic as deltas.
             topics: names of the topics.
 
         Raises:
@@ -167,13 +165,13 @@ class MessageIndex:
         data = self._segment_data(segment_number)
         offset = int(self._offsets[number])
         try:
-            opcode, length = _RECORD_HEADER.unpack_from(data, offset)
+            opcode, length = RECORD_HEADER.unpack_from(data, offset)
             if opcode != Opcode.MESSAGE:
                 raise ValueError(f"its index names a record of kind {opcode} as a message")
         except (struct.error, ValueError) as error:
             raise self._damage(segment_number, error) from error
-        begin = offset + _RECORD_HEADER.size
-        return data[begin + _MESSAGE_HEADER.size : begin + length]
+        begin = offset + RECORD_HEADER.size
+        return data[begin + MESSAGE_HEADER.size : begin + length]
 
     def close(self) -> None:
         """Close the files."""
@@ -195,10 +193,10 @@ class MessageIndex:
         found = False
         while segment.is_chunk:
             stream.seek(position)
-            header = stream.read(_RECORD_HEADER.size)
-            if len(header) < _RECORD_HEADER.size:
+            header = stream.read(RECORD_HEADER.size)
+            if len(header) < RECORD_HEADER.size:
                 break
-            opcode, length = _RECORD_HEADER.unpack(header)
+            opcode, length = RECORD_HEADER.unpack(header)
             if opcode != Opcode.MESSAGE_INDEX:
                 break
             content = stream.read(length)
@@ -206,7 +204,7 @@ class MessageIndex:
             if len(content) < length or size % _ENTRY.itemsize:
                 break
             found = True
-            position += _RECORD_HEADER.size + length
+            position += RECORD_HEADER.size + length
             yield channel, np.frombuffer(content, _ENTRY, size // _ENTRY.itemsize, 6)
         if not found:
             yield from _scan(self._segment_data(number))
@@ -228,7 +226,7 @@ class MessageIndex:
         if segment.is_chunk:
             data = _decompress(data, segment, self._files[segment.file].path)
         else:
-            data = _RECORD_HEADER.pack(Opcode.MESSAGE, len(data)) + data
+            data = RECORD_HEADER.pack(Opcode.MESSAGE, len(data)) + data
         self._cache[number] = data
         self._cache_size += len(data)
         while self._cache_size > _MAX_CACHE_SIZE and len(self._cache) > 1:
@@ -247,10 +245,7 @@ def _decompress(data: bytes, segment: FileSegment, path: Path) -> bytes:
 
 def _scan(data: bytes) -> Iterator[tuple[int, NDArray[np.void]]]:
     """Yield channel and entry of each message in the records of a chunk."""
-    offset = 0
-    while offset + _RECORD_HEADER.size <= len(data):
-        opcode, length = _RECORD_HEADER.unpack_from(data, offset)
+    for opcode, begin, _ in records_in(data):
         if opcode == Opcode.MESSAGE:
-            channel, _, time, _ = _MESSAGE_HEADER.unpack_from(data, offset + _RECORD_HEADER.size)
-            yield channel, np.array([(time, offset)], dtype=_ENTRY)
-        offset += _RECORD_HEADER.size + length
+            channel, _, time, _ = MESSAGE_HEADER.unpack_from(data, begin)
+            yield channel, np.array([(time, begin - RECORD_HEADER.size)], dtype=_ENTRY)

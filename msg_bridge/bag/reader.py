@@ -8,9 +8,7 @@ message classes of the installed ROS. Names of older formats are replaced by the
 
 from __future__ import annotations
 
-import heapq
 import importlib
-from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -29,11 +27,11 @@ from msg_bridge.bag.mcap_index import (
     McapFile,
     index_file,
     read_attachment,
-    read_messages,
 )
+from msg_bridge.bag.merged_messages import merge_messages
 from msg_bridge.bag.message_index import MessageIndex
 from msg_bridge.bag.metadata import OfferedQos, from_qos_yaml
-from msg_bridge.bag.terrain_deltas import TerrainRestorer, map_topic_of_deltas
+from msg_bridge.bag.terrain_deltas import has_deltas, map_topic_of_deltas
 from msg_bridge.contract import topics
 
 __all__ = ["BagReadError", "BagReader", "TopicInfo"]
@@ -119,7 +117,7 @@ class BagReader:
 
         `decode` makes a message of the bytes. Order, arguments and errors are those of `messages`.
         """
-        return self._merge_by_time(self._validate_topics(topics))
+        return merge_messages(self._files, self._topic_name, self._validate_topics(topics))
 
     def decode(self, topic: str, data: bytes, log_time: int = 0) -> Any:
         """Return the message of a topic that CDR bytes hold, with current names.
@@ -153,7 +151,7 @@ class BagReader:
             BagReadError: the bag is damaged.
         """
         known = sorted(set(topics) & set(self.topics))
-        return MessageIndex(self._files, self._topic_name, _has_deltas, known)
+        return MessageIndex(self._files, self._topic_name, known)
 
     def offered_qos(self, topic: str) -> tuple[OfferedQos, ...]:
         """Return the QoS that the recorded publishers of a topic offered; empty if unknown."""
@@ -161,7 +159,7 @@ class BagReader:
             each.metadata.get("offered_qos_profiles", "")
             for file in self._files
             for each in file.channels.values()
-            if self._topic_name(file, each) == topic and not _has_deltas(file, each)
+            if self._topic_name(file, each) == topic and not has_deltas(file, each)
         )
         return tuple(dict.fromkeys(profile for text in found for profile in from_qos_yaml(text)))
 
@@ -263,7 +261,7 @@ class BagReader:
         return wanted
 
     def _decode_all(self, wanted: frozenset[str]) -> Iterator[tuple[str, int, Any]]:
-        for topic, time, data in self._merge_by_time(wanted):
+        for topic, time, data in merge_messages(self._files, self._topic_name, wanted):
             try:
                 message = self.decode(topic, data, time)
             except BagReadError as error:
@@ -288,66 +286,6 @@ class BagReader:
             return []
         configs = [(time, _parse_run(msg.data)) for _, time, msg in self.messages([_CONFIG_TOPIC])]
         return [(time, run) for time, run in configs if run is not None]
-
-    def _merge_by_time(self, wanted: frozenset[str]) -> Iterator[tuple[str, int, bytes]]:
-        """Yield topic, log time and bytes of messages; maps recorded as deltas are restored."""
-        restorers: dict[str, TerrainRestorer] = defaultdict(TerrainRestorer)
-        with_deltas = {
-            name
-            for file in self._files
-            for channel in file.channels.values()
-            if _has_deltas(file, channel) and (name := self._topic_name(file, channel))
-        }
-        for time, topic, data, is_delta in self._merge_recorded(wanted):
-            if topic not in with_deltas:
-                yield topic, time, data
-            elif not is_delta:
-                restorers[topic].add_keyframe(data)
-                yield topic, time, data
-            else:
-                restored = restorers[topic].restore(data)
-                if restored is not None:  # else its keyframe is missing, as before a cut
-                    yield topic, time, restored
-
-    def _merge_recorded(self, wanted: frozenset[str]) -> Iterator[tuple[int, str, bytes, bool]]:
-        """Yield log time, topic and bytes of messages, and whether each is a delta of a map."""
-        segments = sorted(segment for file in self._files for segment in file.segments)
-        # Heap of time, order read, topic, data, whether it is a delta.
-        pending: list[tuple[int, int, str, bytes, bool]] = []
-        num_read = 0
-        channels = [
-            {
-                each.id: (name, _has_deltas(file, each))
-                for each in file.channels.values()
-                if (name := self._topic_name(file, each)) in wanted and name is not None
-            }
-            for file in self._files
-        ]
-        streams = [file.path.open("rb") for file in self._files]
-        try:
-            for segment in segments:
-                while pending and pending[0][0] < segment.start_ns:
-                    time, _, topic, data, is_delta = heapq.heappop(pending)
-                    yield time, topic, data, is_delta
-                file = self._files[segment.file]
-                wanted_here = channels[segment.file]
-                for message in read_messages(file, streams[segment.file], segment, wanted_here):
-                    name, is_delta = wanted_here[message.channel]
-                    num_read += 1
-                    entry = (message.log_time, num_read, name, message.data, is_delta)
-                    heapq.heappush(pending, entry)
-            while pending:
-                time, _, topic, data, is_delta = heapq.heappop(pending)
-                yield time, topic, data, is_delta
-        finally:
-            for stream in streams:
-                stream.close()
-
-
-def _has_deltas(file: McapFile, channel: Channel) -> bool:
-    """Return whether a channel of ROS 2 messages has maps as deltas."""
-    schema = file.schemas.get(channel.schema_id)
-    return schema is not None and map_topic_of_deltas(channel.topic, schema.name) is not None
 
 
 def _parse_run(text: str) -> RecordedRun | None:

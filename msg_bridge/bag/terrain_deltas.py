@@ -8,10 +8,20 @@ from __future__ import annotations
 
 from typing import Final
 
+from mcap.records import Channel
+
+from msg_bridge.bag.mcap_index import McapFile
 from msg_bridge.codec.terrain_delta import apply_delta, base_of_delta, keyframe_identity
 from msg_bridge.contract import topics
 
-__all__ = ["CLOUD_TYPE", "TerrainRestorer", "deltas_topic", "is_map_topic", "map_topic_of_deltas"]
+__all__ = [
+    "CLOUD_TYPE",
+    "TerrainRestorer",
+    "deltas_topic",
+    "has_deltas",
+    "is_map_topic",
+    "map_topic_of_deltas",
+]
 
 CLOUD_TYPE: Final = "sensor_msgs/msg/PointCloud2"
 """Type of maps and deltas."""
@@ -35,6 +45,12 @@ def map_topic_of_deltas(topic: str, type_name: str) -> str | None:
     if not topic.endswith(_DELTAS) or type_name != CLOUD_TYPE:
         return None
     return topic.removesuffix(_DELTAS) + _MAP
+
+
+def has_deltas(file: McapFile, channel: Channel) -> bool:
+    """Return whether a channel of ROS 2 messages has maps as deltas."""
+    schema = file.schemas.get(channel.schema_id)
+    return schema is not None and map_topic_of_deltas(channel.topic, schema.name) is not None
 
 
 class TerrainRestorer:

@@ -18,12 +18,14 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk
 from mcap.stream_reader import get_chunk_data_stream
 
-__all__ = ["MAGIC", "FoundRecord", "Gap", "find_records"]
+from msg_bridge.bag.mcap_records import MAGIC, RECORD_HEADER
 
-MAGIC = b"\x89MCAP0\r\n"
-_RECORD_HEADER = struct.Struct("<BQ")  # opcode, length of the content
+__all__ = ["FoundRecord", "Gap", "find_records"]
+
 _CHUNK_HEADER = struct.Struct("<QQQII")  # times, uncompressed size, checksum, length of the name
 _SIZE = struct.Struct("<Q")
+_MAX_HEADER = RECORD_HEADER.size + _CHUNK_HEADER.size + _SIZE.size + 4
+"""Size of the header of a chunk, the longest one [bytes]: a shorter rest may be part of one."""
 _COMPRESSIONS = (b"", b"lz4", b"zstd")
 _OPCODES = frozenset(int(opcode) for opcode in Opcode)
 _CHUNK = bytes([Opcode.CHUNK])
@@ -51,10 +53,12 @@ class Gap:
 
     Attributes:
         offset, length: their position in the file [bytes].
+        is_unwritten: whether it is a record of which the end was never written.
     """
 
     offset: int
     length: int
+    is_unwritten: bool = False
 
 
 def find_records(data: mmap.mmap) -> Iterator[FoundRecord | Gap]:
@@ -80,12 +84,24 @@ def find_records(data: mmap.mmap) -> Iterator[FoundRecord | Gap]:
         if found is None:
             if record is not None and record.opcode == Opcode.CHUNK:
                 yield record
-            elif position < size:
-                yield Gap(position, size - position)
+            else:
+                yield Gap(position, size - position, is_unwritten=_is_unwritten(data, position))
             return
         if found > position:
             yield Gap(position, found - position)
         last, position = None, found
+
+
+def _is_unwritten(data: mmap.mmap, position: int) -> bool:
+    """Return whether a file without a record at a position was cut off there, and is not damaged.
+
+    Then it lacks its last bytes, and ends within a record or its header, or with zeros.
+    """
+    if data[-len(MAGIC) :] == MAGIC:
+        return False
+    record = _record_at(data, position)
+    is_header = len(data) - position < _MAX_HEADER
+    return record is not None or is_header or not data[position:].strip(b"\0")
 
 
 def _is_sound_chunk(data: mmap.mmap, record: FoundRecord) -> bool:
@@ -101,10 +117,10 @@ def _is_sound_chunk(data: mmap.mmap, record: FoundRecord) -> bool:
 def _record_at(data: mmap.mmap, position: int) -> FoundRecord | None:
     """Return the record at a position; None if there is none."""
     size = len(data)
-    if position + _RECORD_HEADER.size > size:
+    if position + RECORD_HEADER.size > size:
         return None
-    opcode, length = _RECORD_HEADER.unpack_from(data, position)
-    offset = position + _RECORD_HEADER.size
+    opcode, length = RECORD_HEADER.unpack_from(data, position)
+    offset = position + RECORD_HEADER.size
     if opcode not in _OPCODES or (opcode == Opcode.CHUNK and not _is_chunk(data, position)):
         return None
     if offset + length > size:
@@ -114,11 +130,11 @@ def _record_at(data: mmap.mmap, position: int) -> FoundRecord | None:
 
 def _is_chunk(data: mmap.mmap, position: int) -> bool:
     """Return whether the header of a chunk is at a position, by the lengths that it contains."""
-    begin = position + _RECORD_HEADER.size
+    begin = position + RECORD_HEADER.size
     names = begin + _CHUNK_HEADER.size
     if names + max(map(len, _COMPRESSIONS)) + _SIZE.size > len(data):
         return False
-    length = _RECORD_HEADER.unpack_from(data, position)[1]
+    length = RECORD_HEADER.unpack_from(data, position)[1]
     start, end, _, _, name_length = _CHUNK_HEADER.unpack_from(data, begin)
     if name_length > max(map(len, _COMPRESSIONS)):
         return False

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import mmap
-import struct
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -20,20 +19,27 @@ from mcap.records import Attachment, Channel, Chunk, Footer, Message, MessageInd
 from mcap.stream_reader import get_chunk_data_stream
 
 from msg_bridge.bag.mcap_index import BagReadError, parse_attachment
-from msg_bridge.bag_recovery.damaged_file import MAGIC, FoundRecord, Gap, find_records
+from msg_bridge.bag.mcap_records import (
+    CHECKSUM,
+    CHUNK_TIMES,
+    MAGIC,
+    MESSAGE_HEADER,
+    RECORD_HEADER,
+    records_in,
+)
+from msg_bridge.bag_recovery.damaged_file import FoundRecord, Gap, find_records
 
 __all__ = ["Damage", "SalvagedFile"]
 
-_RECORD_HEADER = struct.Struct("<BQ")
-_CHUNK_TIMES = struct.Struct("<QQ")
-_CHECKSUM = struct.Struct("<I")
-_MESSAGE_HEADER = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _NAMES: dict[int, str] = {Opcode.MESSAGE_INDEX: "index of messages", Opcode.FOOTER: "summary"}
 _PARSERS: dict[int, Callable[[ReadDataStream, int], Schema | Channel | Message]] = {
     Opcode.SCHEMA: lambda stream, length: Schema.read(stream),
     Opcode.CHANNEL: lambda stream, length: Channel.read(stream),
     Opcode.MESSAGE: Message.read,
 }
+
+_ZEROS = 64
+"""Number of zeros at the end of a chunk by which its end was not written."""
 
 _PIECE = 1024
 """Size of the pieces in which an incomplete chunk is decompressed [bytes]."""
@@ -105,9 +111,10 @@ class SalvagedFile:
         num_records = 0
         for found in find_records(data):
             if isinstance(found, Gap):
-                is_tail = found.offset + found.length == len(data)
-                text = "the file ends within a record" if is_tail else "no record"
-                self.damages.append(Damage(found.offset, found.length, text, is_loss=not is_tail))
+                text = "its end was not written" if found.is_unwritten else "no record"
+                self.damages.append(
+                    Damage(found.offset, found.length, text, is_loss=not found.is_unwritten)
+                )
                 continue
             num_records += 1
             self.is_complete |= found.opcode == Opcode.FOOTER
@@ -139,7 +146,12 @@ class SalvagedFile:
             elif found.opcode == Opcode.FOOTER:
                 _check_summary(Footer.read(stream), data, found)
         except Exception as error:  # of zstd, lz4, struct or mcap, depending on the damage
-            self._add_damage(found, content, error)
+            if found.opcode == Opcode.CHUNK and _ends_with_zeros(data, found):
+                yield from self._cut_off_chunk(content.rstrip(b"\0"))
+                text = "its end was not written"
+                self.damages.append(Damage(found.offset, found.length, text, is_loss=False))
+            else:
+                self._add_damage(found, content, error)
 
     def _cut_off_chunk(self, content: bytes) -> Iterator[Content]:
         """Yield the records at the begin of a chunk in which the file ends."""
@@ -151,8 +163,8 @@ class SalvagedFile:
         reason = f"{type(error).__name__}: {error}".rstrip(": ")
         name = _NAMES.get(found.opcode, Opcode(found.opcode).name.lower())
         start = end = None
-        if found.opcode == Opcode.CHUNK and len(content) >= _CHUNK_TIMES.size:
-            start, end = _CHUNK_TIMES.unpack_from(content)
+        if found.opcode == Opcode.CHUNK and len(content) >= CHUNK_TIMES.size:
+            start, end = CHUNK_TIMES.unpack_from(content)
         self.damages.append(
             Damage(
                 found.offset,
@@ -165,10 +177,18 @@ class SalvagedFile:
         )
 
 
+def _ends_with_zeros(data: mmap.mmap, found: FoundRecord) -> bool:
+    """Return whether a record ends with zeros, and only zeros follow.
+
+    A system crash leaves them where the file was made longer and not written.
+    """
+    return not data[found.offset + found.length - _ZEROS :].strip(b"\0")
+
+
 def _decompress_begin(content: bytes) -> bytes:
     """Return the begin of the records of a chunk whose end is missing."""
     stream = ReadDataStream(BytesIO(content))
-    stream.read(_CHUNK_TIMES.size)
+    stream.read(CHUNK_TIMES.size)
     stream.read8()  # uncompressed size
     stream.read4()  # checksum
     compression = stream.read_prefixed_string()
@@ -186,14 +206,10 @@ def _decompress_begin(content: bytes) -> bytes:
 
 def _parse_records(data: bytes) -> Iterator[Schema | Channel | Message]:
     """Yield the complete records at the begin of a chunk's data."""
-    position = 0
-    while position + _RECORD_HEADER.size <= len(data):
-        opcode, length = _RECORD_HEADER.unpack_from(data, position)
-        begin, end = position + _RECORD_HEADER.size, position + _RECORD_HEADER.size + length
-        if end > len(data) or opcode not in _PARSERS:  # zeros, as a system crash leaves them
+    for opcode, begin, end in records_in(data):
+        if opcode not in _PARSERS:  # zeros, as a system crash leaves them
             return
-        yield _PARSERS[opcode](ReadDataStream(BytesIO(data[begin:end])), length)
-        position = end
+        yield _PARSERS[opcode](ReadDataStream(BytesIO(data[begin:end])), end - begin)
 
 
 def _check_index(index: MessageIndex, data: bytes) -> None:
@@ -203,8 +219,8 @@ def _check_index(index: MessageIndex, data: bytes) -> None:
         ValueError: it names other messages; or struct.error.
     """
     for time, offset in index.records if data else ():
-        opcode, _ = _RECORD_HEADER.unpack_from(data, offset)
-        channel, _, log_time, _ = _MESSAGE_HEADER.unpack_from(data, offset + _RECORD_HEADER.size)
+        opcode, _ = RECORD_HEADER.unpack_from(data, offset)
+        channel, _, log_time, _ = MESSAGE_HEADER.unpack_from(data, offset + RECORD_HEADER.size)
         if (opcode, channel, log_time) != (Opcode.MESSAGE, index.channel_id, time):
             raise ValueError("it names other messages than the chunk has")
 
@@ -215,7 +231,7 @@ def _check_summary(footer: Footer, data: mmap.mmap, found: FoundRecord) -> None:
     Raises:
         ValueError: it is wrong.
     """
-    end = found.offset + found.length - _CHECKSUM.size  # all but the checksum itself is covered
+    end = found.offset + found.length - CHECKSUM.size  # all but the checksum itself is covered
     has_checksum = footer.summary_start and footer.summary_crc
     if has_checksum and zlib.crc32(data[footer.summary_start : end]) != footer.summary_crc:
         raise ValueError("its checksum is wrong")

@@ -15,10 +15,17 @@ __all__ = ["BackgroundWriter"]
 
 
 class _Job(NamedTuple):
-    """A call of the bag writer, and the number of bytes that it holds until then."""
+    """A call of the bag writer.
+
+    Attributes:
+        call: the call.
+        size: number of bytes that it holds until then.
+        is_signal: whether it is done after an error, too.
+    """
 
     call: Callable[[], None]
-    size: int
+    size: int = 0
+    is_signal: bool = False
 
 
 class BackgroundWriter:
@@ -160,7 +167,7 @@ class BackgroundWriter:
             BagError: the bag cannot be written.
         """
         written = threading.Event()
-        self._put(written.set)
+        self._jobs.put(_Job(written.set, is_signal=True))
         written.wait()
         self._raise_error()
 
@@ -202,10 +209,10 @@ class BackgroundWriter:
         self._num_splits_done += 1
 
     def _run(self) -> None:
-        """Do the queued jobs; after an error, drop the messages among them."""
+        """Do the queued jobs; after an error, only signals."""
         for job in iter(self._jobs.get, None):
             try:
-                if self._error is None or not job.size:
+                if self._error is None or job.is_signal:
                     job.call()
             except BagError as error:
                 self._error = self._error or error

@@ -102,8 +102,6 @@ class BagRecording:
         self.input_files.add_topic(topic, type_name)
         if self._keyframe_period and is_map_topic(topic, type_name):
             self._terrain[topic] = TerrainRecording(self._keyframe_period)
-        # A bag that is played: its own deltas need full maps.
-        self._terrain.pop(map_topic_of_deltas(topic, type_name) or "", None)
 
     def update_publishers(
         self, topic: str, publishers: frozenset[bytes], *, transient_local: bool
@@ -116,6 +114,8 @@ class BagRecording:
             transient_local: whether all of them are transient local.
         """
         self.loss_counter.update_publishers(topic, publishers)
+        if publishers:  # a bag is played: its deltas need their full maps
+            self._terrain.pop(map_topic_of_deltas(topic, CLOUD_TYPE) or "", None)
         if transient_local:
             repeated = self._transient_local.setdefault(
                 topic, _RepeatedTopic(TransientLocalHistory(topic))
@@ -203,7 +203,7 @@ class BagRecording:
             return self._write_message(message, log_time)
         topic = deltas_topic(message.topic)
         if topic not in self._writer.topics:
-            self._writer.add_topic(topic, CLOUD_TYPE, [OfferedQos()], None)
+            self.add_topic(topic, CLOUD_TYPE, [OfferedQos()], None)
         return self._write_message(message._replace(topic=topic, data=delta), log_time)
 
     def _write_message(self, message: ReceivedMessage, log_time: int) -> bool:

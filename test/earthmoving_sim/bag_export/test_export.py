@@ -185,6 +185,30 @@ def test_what_cannot_be_exported_is_named_and_the_rest_is(tmp_path: Path) -> Non
     assert "layout.data_offset" in pq.read_schema(tmp_path / "tables/odd.parquet").names
 
 
+def test_names_that_the_table_has_already_are_changed(tmp_path: Path) -> None:
+    recording = Recording()
+    recording.add("/json", String(data=json.dumps({"log_time": 1.5, "b": 2})))
+    recording.add("/array", array(Int64MultiArray, "log_time,b", [3, 4]))
+    cloud = PointCloud2(height=1, width=1, point_step=12, row_step=12, is_bigendian=True)
+    cloud.fields = [
+        PointField(name="stamp", offset=0, datatype=5, count=1),
+        PointField(name="xyz", offset=4, datatype=4, count=3),
+    ]
+    cloud.data.frombytes(
+        b"".join([(7).to_bytes(4, "big"), *(n.to_bytes(2, "big") for n in (1, 2, 3, 0))])
+    )
+    recording.add("/cloud", cloud)
+    assert export(recording.write(tmp_path / "bag.mcap"), tmp_path / "tables").is_complete
+    rows = {
+        name: pq.read_table(tmp_path / f"tables/{name}.parquet").drop_columns(["log_time"])
+        for name in ("json", "array", "cloud")
+    }
+    assert rows["json"].to_pylist() == [{"log_time_": 1.5, "b": 2}]
+    assert rows["array"].to_pylist() == [{"log_time_": 3, "b": 4}]
+    (point,) = rows["cloud"].drop_columns(["stamp"]).to_pylist()
+    assert point == {"stamp_": 7, "xyz": [1, 2, 3]}
+
+
 def test_bag_that_was_cut_off_is_exported_as_far_as_it_goes(tmp_path: Path) -> None:
     recording = Recording()
     for number in range(3000):

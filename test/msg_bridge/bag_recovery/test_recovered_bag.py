@@ -14,7 +14,7 @@ from rosbags.rosbag2 import Reader
 from std_msgs.msg import String
 
 from earthmoving_sim.cli import main
-from msg_bridge.bag.mcap_index import BagReadError
+from msg_bridge.bag.mcap_index import BagReadError, FileSegment, index_file
 from msg_bridge.bag.metadata import OfferedQos
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.bag.writer import COMPRESSIONS, BagWriter
@@ -54,6 +54,11 @@ def numbers_in(folder: Path) -> list[int]:
     return numbers
 
 
+def segments_of(file: Path) -> list[FileSegment]:
+    """Return the chunks of an undamaged file."""
+    return index_file(0, file).segments
+
+
 def recover(path: Path) -> RecoveredBag:
     return recover_bag(path, path.parent.parent / "recovered")
 
@@ -64,7 +69,7 @@ def test_file_cut_off_anywhere_loses_only_the_messages_behind_the_cut(
 ) -> None:
     file = write_bag(tmp_path / "dig", compression)
     content = file.read_bytes()
-    starts = [segment.offset for segment in BagReader(file)._files[0].segments]
+    starts = [segment.offset for segment in segments_of(file)]
     for case, cut in enumerate(random.Random(1).sample(range(starts[0] + 8000, starts[-1]), 12)):
         folder = tmp_path / f"case_{case}"
         (folder / "cut").mkdir(parents=True)
@@ -79,21 +84,36 @@ def test_file_cut_off_anywhere_loses_only_the_messages_behind_the_cut(
         assert not recovered.is_intact
 
 
-def test_zeros_at_the_end_are_no_messages(tmp_path: Path) -> None:
-    file = write_bag(tmp_path / "dig", "none")
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_zeros_at_the_end_are_no_messages_and_no_damage(tmp_path: Path, compression: str) -> None:
+    """A system crash leaves them, also within a chunk."""
+    file = write_bag(tmp_path / "dig", compression)
     content = file.read_bytes()
-    file.write_bytes(content[: len(content) // 2] + bytes(50_000))
-    recover(file)
+    segments = segments_of(file)
+    cut = segments[10].offset + segments[10].length // 2
+    file.write_bytes(content[:cut] + bytes(50_000))
+    (recovered,) = recover(file).files
     numbers = numbers_in(tmp_path / "recovered")
     assert numbers == list(range(len(numbers)))
-    assert 0.4 * NUMBER < len(numbers) < 0.6 * NUMBER
+    assert segments[10].start_ns <= len(numbers) * 10**9 < segments[11].start_ns
+    assert not recovered.has_losses
+
+
+def test_damaged_last_chunk_of_a_complete_file_is_a_loss(tmp_path: Path) -> None:
+    file = write_bag(tmp_path / "dig")
+    content = bytearray(file.read_bytes())
+    content[segments_of(file)[-1].offset - 8] ^= 0x55  # its length
+    file.write_bytes(content)
+    (recovered,) = recover(file).files
+    assert len(numbers_in(tmp_path / "recovered")) < NUMBER
+    assert recovered.has_losses
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 @pytest.mark.parametrize("damage", ["bytes changed", "bytes missing", "length changed"])
 def test_only_the_damaged_chunk_is_lost(tmp_path: Path, compression: str, damage: str) -> None:
     file = write_bag(tmp_path / "dig", compression)
-    segments = BagReader(file)._files[0].segments
+    segments = segments_of(file)
     damaged, following = segments[5], segments[6]
     content = bytearray(file.read_bytes())
     if damage == "bytes changed":
@@ -116,7 +136,7 @@ def test_only_the_damaged_chunk_is_lost(tmp_path: Path, compression: str, damage
 @pytest.mark.parametrize("part", ["index of messages", "summary"])
 def test_damaged_index_is_made_again(tmp_path: Path, part: str) -> None:
     file = write_bag(tmp_path / "dig")
-    segment = BagReader(file)._files[0].segments[5]
+    segment = segments_of(file)[5]
     content = bytearray(file.read_bytes())
     summary_start = int.from_bytes(content[-28:-20], "little")
     index_start = segment.offset + segment.length
@@ -130,7 +150,7 @@ def test_damaged_index_is_made_again(tmp_path: Path, part: str) -> None:
 
 def test_channels_of_a_damaged_chunk_are_those_of_the_summary(tmp_path: Path) -> None:
     file = write_bag(tmp_path / "dig")
-    segments = BagReader(file)._files[0].segments
+    segments = segments_of(file)
     content = bytearray(file.read_bytes())
     content[segments[0].offset + 1000] ^= 0x55
     file.write_bytes(content)
@@ -170,7 +190,7 @@ def test_command_reports_what_was_lost(tmp_path: Path, capsys: pytest.CaptureFix
     assert "complete and undamaged" in capsys.readouterr().out
     assert not (tmp_path / "dig-recovered").exists()
     content = bytearray(file.read_bytes())
-    content[BagReader(file)._files[0].segments[5].offset + 1000] ^= 0x55
+    content[segments_of(file)[5].offset + 1000] ^= 0x55
     file.write_bytes(content)
     assert main(["recover", str(tmp_path / "dig"), "--json"]) == 1
     (entry,) = json.loads(capsys.readouterr().out)["files"]

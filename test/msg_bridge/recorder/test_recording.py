@@ -17,6 +17,7 @@ from msg_bridge.bag.reader import BagReader
 from msg_bridge.bag.writer import BagError, BagWriter
 from msg_bridge.codec.stamps import stamp_from_seconds
 from msg_bridge.codec.terrain import TerrainMap, to_terrain_cloud
+from msg_bridge.codec.terrain_delta import encode_delta
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.raw_topics.received_message import ReceivedMessage
@@ -30,8 +31,10 @@ GRID = Grid(rows=40, cols=40, cell=0.1)
 PUBLISHER = frozenset([b"one"])
 
 
-def recording(folder: Path, max_queue_size: int = 1 << 28, **params: float) -> BagRecording:
-    writer = BackgroundWriter(BagWriter(folder), max_queue_size)
+def recording(
+    folder: Path, writer: BackgroundWriter | None = None, **params: float
+) -> BagRecording:
+    writer = writer or BackgroundWriter(BagWriter(folder), 1 << 28)
     made = BagRecording(writer, RecorderParams(**params))
     made.add_topic(TEXTS, "std_msgs/msg/String", [], None)
     made.add_topic(CONFIG, "std_msgs/msg/String", [], None)
@@ -132,11 +135,26 @@ def test_map_that_does_not_change_is_repeated_in_full(tmp_path: Path) -> None:
     assert counts(tmp_path / "dig") == {MAP: 3, DELTAS: 2}
 
 
+def test_deltas_of_a_bag_that_is_played_are_recorded_with_maps_in_full(tmp_path: Path) -> None:
+    made = recording(tmp_path / "dig")
+    for number in range(2):  # own deltas, until the player of the bag is found
+        write(made, MAP, terrain(number), number + 1, float(number))
+    played = encode_delta(terrain(3), terrain(4))
+    assert played is not None
+    made.update_publishers(DELTAS, PUBLISHER, transient_local=False)
+    write(made, MAP, terrain(3), 3, 3.0)
+    write(made, DELTAS, played, 1, 4.0)
+    made.close()
+    assert counts(tmp_path / "dig") == {MAP: 2, DELTAS: 2}
+    assert read_maps(tmp_path / "dig") == decoded(terrain(number) for number in (0, 1, 3, 4))
+
+
 @pytest.mark.parametrize("limit", [{"max_bagfile_size": 100_000}, {"max_bagfile_duration": 10.0}])
 def test_every_file_of_a_bag_is_readable_on_its_own(
     tmp_path: Path, limit: dict[str, float]
 ) -> None:
-    made = recording(tmp_path / "dig", **limit)
+    writer = BackgroundWriter(BagWriter(tmp_path / "dig"), 1 << 28)
+    made = recording(tmp_path / "dig", writer, **limit)
     rng = np.random.default_rng(1)
     write(made, CONFIG, text(-1), 1, 0.0)
     write(made, MAP, terrain(1), 1, 0.0)
@@ -147,7 +165,7 @@ def test_every_file_of_a_bag_is_readable_on_its_own(
             write(made, MAP, terrain(2), 2, 0.2 * number)
         if number % 10 == 0:
             made.flush()
-            made._writer.wait()
+            writer.wait()
     made.close()
     files = sorted((tmp_path / "dig").glob("*.mcap"))
     assert 4 <= len(files) <= 5
@@ -176,7 +194,8 @@ class SlowDisk(BagWriter):
 
 def test_messages_beyond_the_queue_of_a_slow_disk_are_counted_as_lost(tmp_path: Path) -> None:
     disk = SlowDisk(tmp_path / "dig")
-    made = BagRecording(BackgroundWriter(disk, 1 << 20), RecorderParams())
+    writer = BackgroundWriter(disk, 1 << 20)
+    made = BagRecording(writer, RecorderParams())
     made.add_topic(TEXTS, "std_msgs/msg/String", [], None)
     made.update_publishers(TEXTS, PUBLISHER, transient_local=False)
     for number in range(30):
@@ -185,7 +204,7 @@ def test_messages_beyond_the_queue_of_a_slow_disk_are_counted_as_lost(tmp_path: 
     assert (status["messages"], status["num_lost"], status["lost"]) == (10, 20, {TEXTS: 20})
     assert 900_000 < status["bytes_queued"] <= 1 << 20
     disk.released.set()
-    made._writer.wait()
+    writer.wait()
     write(made, TEXTS, text(30), 31, 31.0)
     made.close()
     assert made.status()["bytes_queued"] == 0
@@ -203,12 +222,14 @@ def test_failed_write_is_raised_once_and_the_rest_of_the_queue_is_dropped(
             raise error
 
     disk = FullDisk(tmp_path / "dig")
-    made = BagRecording(BackgroundWriter(disk, 1 << 20), RecorderParams())
+    writer = BackgroundWriter(disk, 1 << 20)
+    made = BagRecording(writer, RecorderParams(max_bagfile_duration=2.0))
     made.add_topic(TEXTS, "std_msgs/msg/String", [], None)
     for number in range(5):
         write(made, TEXTS, text(number), number + 1, number)
     disk.released.set()
     with pytest.raises(BagError, match="disk space"):
-        made._writer.wait()
+        writer.wait()
     assert made.has_failed
     made.close()
+    assert len(list((tmp_path / "dig").glob("*.mcap"))) == 1  # no other file was begun
