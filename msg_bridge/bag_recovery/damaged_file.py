@@ -93,12 +93,10 @@ def find_records(data: mmap.mmap) -> Iterator[FoundRecord | Gap]:
 
 
 def _is_unwritten(data: mmap.mmap, position: int) -> bool:
-    """Return whether a file without a record at a position was cut off there, and is not damaged.
+    """Return whether a file without a complete record at a position was cut off, not damaged.
 
-    Then it lacks its last bytes, and ends within a record or its header, or with zeros.
+    Then it ends within a record or its header, or with zeros.
     """
-    if data[-len(MAGIC) :] == MAGIC:
-        return False
     record = _record_at(data, position)
     is_header = len(data) - position < _MAX_HEADER
     return record is not None or is_header or not data[position:].strip(b"\0")

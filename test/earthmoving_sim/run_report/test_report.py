@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import Float64MultiArray, Int64MultiArray, String
@@ -19,6 +20,9 @@ from earthmoving_sim.run_report import write_report
 from msg_bridge.audit.bag_audit import audit_bag
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.machine_state import PayloadState, to_payload_array
+from msg_bridge.codec.row_chunks import to_chunk_cloud
+from msg_bridge.contract.messages import RowChunk, Stream
+from msg_bridge.contract.rows import CONVERSION, empty_rows
 
 BAGS = Path(__file__).parents[3] / "bags"
 
@@ -104,15 +108,27 @@ def test_malformed_messages_are_counted_and_the_rest_is_used(tmp_path: Path) -> 
     assert "6 on /m/payload" in written.page.read_text(encoding="utf-8")
 
 
+def test_conversions_that_were_sent_again_count_once(tmp_path: Path) -> None:
+    recording = Recording()
+    for numbers in ([1, 2], [2, 3], [1, 2, 3]):
+        rows = empty_rows(CONVERSION, len(numbers))
+        rows["seq"], rows["volume_mm3"], rows["machine_id"] = numbers, 10**9, 1
+        chunk = RowChunk(7, Stream.CONVERSION, 0, 0, rows)
+        recording.add("/soil/conversions", to_chunk_cloud(chunk, "map", Time(sec=1)))
+    written = write_report(BagReader(recording.write(tmp_path / "bag.mcap")), tmp_path / "report")
+    assert written.summary.excavated == {1: pytest.approx(3.0)}
+
+
 def test_one_run_of_several_is_chosen(tmp_path: Path) -> None:
     recording = Recording()
     for run_id in (4, 5):
         recording.add("/sim/config", String(data=f"run: {{run_id: {run_id}}}"))
         for number in range(3):
-            message = to_payload_array(PayloadState(0.1 * run_id, 0.0, 0.0, 0.1, float(number)))
+            volume = {4: 0.9, 5: 0.5}[run_id]
+            message = to_payload_array(PayloadState(volume, 0.0, 0.0, 0.1, float(number)))
             recording.add("/m/payload", message)
     path = recording.write(tmp_path / "bag.mcap")
-    for chosen, volume in ((None, 0.5), (4, 0.4)):
+    for chosen, volume in ((None, 0.5), (4, 0.9)):
         written = write_report(BagReader(path), tmp_path / f"report_{chosen}", run_id=chosen)
         assert written.run_ids == [4, 5]
         assert written.summary.machines["/m"].max_payload == pytest.approx(volume)

@@ -4,10 +4,13 @@ import pytest
 from builtin_interfaces.msg import Time
 from hypothesis import given
 from hypothesis import strategies as st
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
 from support.wire import raises
 
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.stamps import (
+    clock_time_ns,
     seconds_from_stamp,
     stamp_from_seconds,
     stamp_from_tick,
@@ -57,3 +60,14 @@ def test_time_outside_the_range_of_stamps_is_rejected(seconds: float) -> None:
 def test_invalid_tick_period_is_rejected(period: float) -> None:
     with raises(ErrorCode.STAMP, CodecError):
         stamp_from_tick(1, period)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "nanoseconds", "time"), [(2, 5, 2 * 10**9 + 5), (-1, 5, None), (0, 0, 0)]
+)
+def test_time_of_a_serialised_clock_is_not_negative(
+    seconds: int, nanoseconds: int, time: int | None
+) -> None:
+    data = serialize_message(Clock(clock=Time(sec=seconds, nanosec=nanoseconds)))
+    assert clock_time_ns(data) == time
+    assert clock_time_ns(data[:7]) is None

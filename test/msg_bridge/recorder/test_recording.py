@@ -135,6 +135,17 @@ def test_map_that_does_not_change_is_repeated_in_full(tmp_path: Path) -> None:
     assert counts(tmp_path / "dig") == {MAP: 3, DELTAS: 2}
 
 
+def test_first_map_of_a_file_is_recorded_in_full_on_a_volatile_topic(tmp_path: Path) -> None:
+    """It is not repeated there."""
+    made = recording(tmp_path / "dig", max_bagfile_duration=10.0)
+    made.update_publishers(MAP, PUBLISHER, transient_local=False)
+    for number in range(20):
+        write(made, MAP, terrain(number), number + 1, float(number))
+    made.close()
+    expected = decoded(terrain(number) for number in range(10, 20))
+    assert read_maps(tmp_path / "dig/dig_1.mcap") == expected
+
+
 def test_deltas_of_a_bag_that_is_played_are_recorded_with_maps_in_full(tmp_path: Path) -> None:
     made = recording(tmp_path / "dig")
     for number in range(2):  # own deltas, until the player of the bag is found
