@@ -14,7 +14,7 @@ from msg_bridge.contract.errors import EarthmovingError
 __all__ = ["ExportError", "ParquetFile"]
 
 _ROWS_PER_GROUP = 1 << 17
-_BYTES_PER_GROUP = 1 << 24
+_BYTES_PER_GROUP = 1 << 23
 
 
 class ExportError(EarthmovingError):

@@ -33,8 +33,8 @@ _DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 _INTEGERS, _FLOATS = "std_msgs/msg/Int64MultiArray", "std_msgs/msg/Float64MultiArray"
 _TEXT = "std_msgs/msg/String"
 
-_BATCH = 8192
-"""Number of rows that are collected before they are converted to Arrow."""
+_MAX_ROWS, _MAX_BYTES = 8192, 1 << 22
+"""Numbers of rows, and of bytes of messages, that are collected before they become Arrow arrays."""
 
 
 @dataclass
@@ -100,7 +100,7 @@ class TopicWriter:
         self._cloud: CloudTable | None = None
         self._times: list[int] = []  # log time of each pending row [ns]
         self._columns: dict[str, list[Any]] = defaultdict(list)
-        self._num_pending = 0
+        self._num_pending = self._num_pending_bytes = 0
         self._previous = b""
         self._last: tuple[int, bytes] | None = None  # with only_ends
         self._file: ParquetFile | None = None
@@ -166,7 +166,9 @@ class TopicWriter:
         )
         if not is_added:
             self._result.num_rejected += 1
-        elif self._num_pending >= _BATCH:
+            return
+        self._num_pending_bytes += len(data)
+        if self._num_pending >= _MAX_ROWS or self._num_pending_bytes >= _MAX_BYTES:
             self._flush()
 
     def _add_cloud(self, time: int, message: Any) -> bool:
@@ -214,7 +216,7 @@ class TopicWriter:
             self._columns.clear()
         else:
             return
-        self._num_pending = 0
+        self._num_pending = self._num_pending_bytes = 0
         if self._file is None:
             self._file = ParquetFile(self._path, batch.schema.with_metadata(self._metadata()))
         self._file.add(batch)

@@ -29,6 +29,8 @@ FORMAT_VERSION = "2"
 
 _MEGA = 1e6
 _NANO = 10**9
+_MAX_DISORDER = _NANO
+"""Time by which log times of successive messages may be out of order [ns]."""
 
 
 @dataclass
@@ -174,6 +176,9 @@ class BagRecording:
                 self._repeat(repeated, log_time)
 
     def _repeat(self, repeated: _RepeatedTopic, log_time: int) -> None:
+        # Not before the message itself, whose publish time would be after the log time then.
+        if 0 < repeated.last_write_time - log_time < _MAX_DISORDER:
+            log_time = repeated.last_write_time
         for message in repeated.history.messages:
             self._write_message(message, log_time)
         repeated.last_write_time = log_time
@@ -183,8 +188,9 @@ class BagRecording:
         if self._file_start is None:
             self._file_start = log_time
         is_full = bool(self._max_size) and self._writer.file_size >= self._max_size
-        duration = log_time - self._file_start
-        is_long = bool(self._max_duration) and not 0 <= duration < self._max_duration
+        # Log times of successive messages may be out of order, or begin again after a reset.
+        duration = abs(log_time - self._file_start)
+        is_long = 0 < self._max_duration <= duration
         if not is_full and not is_long:
             return
         self._writer.split()

@@ -22,14 +22,13 @@ class TerrainRecording:
     def is_keyframe_due(self, log_time: int) -> bool:
         """Return whether the next map is recorded in full.
 
-        A log time before that of the last one, after a reset of the simulation time, counts as an
-        elapsed period.
+        Log times may begin again, after a reset of the simulation time.
 
         Args:
             log_time: the current log time [ns].
         """
         last = self._keyframe_time
-        return last is None or not 0 <= log_time - last < self._period
+        return last is None or abs(log_time - last) >= self._period
 
     def add_keyframe(self, data: bytes, log_time: int) -> None:
         """Note a serialised map that was recorded in full."""

@@ -191,6 +191,29 @@ def test_every_file_of_a_bag_is_readable_on_its_own(
     assert counts(tmp_path / "dig")[TEXTS] == 200  # by rosbags, from all files
 
 
+def test_messages_out_of_order_begin_no_file_and_a_reset_of_time_does(tmp_path: Path) -> None:
+    made = recording(tmp_path / "dig", max_bagfile_duration=10.0)
+    for number, time in enumerate([50.0, 60.0, 59.9, 60.1, 59.8, 3.0, 4.0, 2.9]):
+        write(made, TEXTS, text(number), number + 1, time)
+    made.close()
+    sizes = [
+        BagReader(file).topics[TEXTS].count for file in sorted((tmp_path / "dig").glob("*.mcap"))
+    ]
+    assert sizes == [1, 4, 3]
+
+
+def test_repeated_message_is_not_logged_before_it_was_published(tmp_path: Path) -> None:
+    writer = BackgroundWriter(BagWriter(tmp_path / "dig"), 1 << 28)
+    made = recording(tmp_path / "dig", writer, max_bagfile_size=1000)
+    write(made, CONFIG, text(0, 100_000), 1, 10.0)
+    made.flush()
+    writer.wait()
+    write(made, TEXTS, text(1), 1, 9.9)  # out of order; it begins the next file
+    made.close()
+    second = BagReader(tmp_path / "dig/dig_1.mcap")
+    assert [time for _, time, _ in second.raw_messages([CONFIG])] == [10 * SECOND]
+
+
 class SlowDisk(BagWriter):
     """Writes nothing until it is released."""
 
