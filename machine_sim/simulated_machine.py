@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from machine_sim.dem import SoilEngine
 from machine_sim.ground.contact_surface import Ground
-from machine_sim.machine import MachineSpec, TrackedMachine
+from machine_sim.machine import MachineError, MachineSpec, TrackedMachine
 from machine_sim.machine.tracks.track_model import sole_heights
 from machine_sim.params import MachineSimParams
 from machine_sim.tool_soil.coupling import ToolSoilCoupling
@@ -90,6 +90,23 @@ class SimulatedMachine:
         self._track_sweep = TrackSweep(
             self.machine.spec.tracks, first_tool_id + len(self.couplings)
         )
+        self._last_base_frame = self.machine.base_frame
+
+    def continue_from(self, other: SimulatedMachine) -> None:
+        """Take pose, motion and pending soil of a machine that may have another specification.
+
+        Raises:
+            MachineError: other tools; or as `TrackedMachine.continue_from`.
+        """
+        tools, before = list(self.couplings), list(other.couplings)
+        if tools != before:
+            raise MachineError(
+                f"the machine has the tools {', '.join(before)}, and {', '.join(tools)} are given;"
+                " give a machine with these tools"
+            )
+        self.machine.continue_from(other.machine)
+        for name, coupling in self.couplings.items():
+            coupling.continue_from(other.couplings[name])
         self._last_base_frame = self.machine.base_frame
 
     @property

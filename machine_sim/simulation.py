@@ -159,6 +159,29 @@ class MachineSim:
         ]
         self.digging_couplings = [each for each in self._couplings if each.is_digging]
 
+    def continue_from(self, other: MachineSim) -> None:
+        """Take the state of a simulation of the same machines with other parameters.
+
+        The volumes are exact; forces of contacts start at zero.
+
+        Raises:
+            MachineError: other machines, joints or tools, dynamic tracks, or cubes as particles.
+            ParticleError: more particles than the capacity.
+        """
+        if len(self.simulated_machines) != len(other.simulated_machines):
+            raise MachineError(
+                f"the state is of {len(other.simulated_machines)} machines, and"
+                f" {len(self.simulated_machines)} are given; give as many"
+            )
+        particles, before = self.particles, other.particles
+        if not (isinstance(particles, ParticleEngine) and isinstance(before, ParticleEngine)):
+            raise MachineError("a state of cubes has no particles; keep particles.mode at spheres")
+        for each, previous in zip(self.simulated_machines, other.simulated_machines, strict=True):
+            each.continue_from(previous)
+        self.ground.continue_from(other.ground)
+        particles.continue_from(before)
+        self.tick, self._time = other.tick, other._time
+
     @property
     def _num_tool_ids(self) -> int:
         """Number of tool ids that the machines made so far take."""

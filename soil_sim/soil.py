@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import CONVERSION, DEPOSIT_REQUEST, SWEEP, Rows, join_rows
@@ -120,6 +121,43 @@ class Soil:
         self._changes = ChangeTracker(self.columns)
         self._tile_checksums = TileChecksums(self.columns)
         self.revision = 0
+
+    def continue_from(self, other: Soil) -> None:
+        """Take the terrain of a soil that was made for the same site with other parameters.
+
+        Soil in place keeps its bank volume and its density. Where a kind of soil has another
+        moisture of its own, that of the soil in place changes by the same difference. All slopes
+        are checked, and fail in the next ticks where they are too steep now.
+
+        Raises:
+            SoilError: the soil has other columns, or another number of kinds.
+        """
+        columns, before = self.columns, other.columns
+        kinds, kinds_before = len(self.soil_types), len(other.soil_types)
+        if kinds != kinds_before:
+            raise SoilError(
+                f"the terrain is of {kinds_before} kinds of soil, and {kinds} are given; change"
+                " the soils, but not their number"
+            )
+        if columns.grid != before.grid or columns.floor != before.floor:
+            raise SoilError(
+                f"the terrain has the grid {before.grid} and the floor at {before.floor} m; keep"
+                " the site and soil.soil_depth"
+            )
+        now, then = (
+            np.array([kind.moisture for kind in soil.loose_soils], dtype=np.int64)
+            for soil in (self, other)
+        )
+        columns.continue_from(before)
+        self._changes = ChangeTracker(columns)
+        for moisture, soil in (
+            (columns.moisture, columns.soil),
+            (columns.loose_moisture, columns.loose_soil),
+        ):
+            moisture[:] = np.clip(moisture + (now - then)[soil], 0, MOISTURE_LEVELS - 1)
+        self._tile_checksums = TileChecksums(columns)
+        self.revision = other.revision
+        self.relaxation.mark_all_disturbed()
 
     @property
     def grid(self) -> Grid:

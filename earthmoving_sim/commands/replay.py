@@ -40,8 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="[NODE:]NAME:=VALUE",
         help='give a parameter another value, as soil.soil:="wet clay" or'
-        " /excavator:machine:=my.yaml; the same commands then act under other conditions, nothing"
-        " is compared tick by tick, and volumes and cycles of both runs are printed",
+        " /excavator:machine:=my.yaml; the same commands then act under other conditions, from the"
+        " begin or from the state of --from on; nothing is compared tick by tick, and volumes and"
+        " cycles of both runs are printed",
     )
     parser.add_argument("--until", type=int, metavar="TICK", help="last tick to replay")
     parser.add_argument(
@@ -94,11 +95,6 @@ def run(args: argparse.Namespace) -> int:
     known = surveys = survey_runs(reader, reading_progress())
     if args.run_id is not None:
         surveys = [each for each in surveys if each.run_id == args.run_id]
-    if args.state is not None and (changes or args.record is not None):
-        raise EarthmovingError(
-            "--from continues a run as it was recorded; leave out --what-if and --record, which"
-            " need it from its begin"
-        )
     folder = args.record or (_default_folder() if changes else None)
     is_of_one_run = not (folder is args.save is args.state is None)
     if not surveys or (is_of_one_run and len(surveys) > 1):
@@ -113,16 +109,16 @@ def run(args: argparse.Namespace) -> int:
         replay = RunReplay(reader, survey, changes)
         with ExitStack() as stack:
             stack.callback(replay.close)
-            if folder is not None:
-                recording = ReplayRecording(folder, reader.namespace)
-                stack.callback(recording.close)
-                replay.follow(recording)
             if args.state is not None:
                 replay.restore(args.state)
                 if args.until is not None and args.until <= replay.result.first_tick:
                     raise EarthmovingError(
                         f"{args.state} is of tick {replay.result.first_tick}; give a later --until"
                     )
+            if folder is not None:
+                recording = ReplayRecording(folder, reader.namespace)
+                stack.callback(recording.close)
+                replay.follow(recording)
             if not args.json:
                 print(f"{args.bag}: run {survey.run_id}, {_describe(replay)}", flush=True)
             progress = _Progress(replay) if sys.stderr.isatty() else None
@@ -140,8 +136,9 @@ def run(args: argparse.Namespace) -> int:
     figures = []
     if changes and folder is not None:
         replayed = BagReader(folder, namespace=None)
-        end = (replay.result.last_tick + 0.5) * replay.facts.tick_period
-        figures = [read_figures(each, survey.run_id, end) for each in (reader, replayed)]
+        ticks = replay.result.first_tick, replay.result.last_tick
+        begin, end = ((tick + 0.5) * replay.facts.tick_period for tick in ticks)
+        figures = [read_figures(each, survey.run_id, begin, end) for each in (reader, replayed)]
         if not args.json:
             print("\n".join(compare_figures(figures[0], figures[1], "what if")))
     if args.json:

@@ -10,8 +10,10 @@ Modules:
 
 - `recorded`: what a bag has of the runs
 - `node_parameters`: parameters of the nodes from their configurations, and changes of them
+- `run_setups`: parameters of all nodes of a run, as recorded or with changes
 - `replayed_soil`, `replayed_machines`: soil and machine nodes that do it again
 - `run_replay`: all of a run; its `replay_result`
+- `placement_terrain`: terrain on which machines are placed
 - `saved_state`: its state after a tick, from which it continues
 - `comparison`, `difference_details`: the first difference from the recording
 - `observer`: what follows a replay; `replay_recording` records it through a `bag_node`

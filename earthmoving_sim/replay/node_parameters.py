@@ -26,6 +26,7 @@ __all__ = [
     "ParameterChange",
     "SoilNodeSetup",
     "check_changes",
+    "check_changes_of_state",
     "machine_node_setup",
     "parse_change",
     "soil_node_setup",
@@ -40,6 +41,10 @@ _FIXED = (
     *("exchange_key_file", "paused", "command_wait_period", "command_delay"),
 )
 """Parameters of nodes that have no effect on a replay, or would contradict its recording."""
+
+_FIXED_IN_STATE = ("seed", "max_tool_speed", "soil.soil_depth", "particles.mode")
+_FIXED_SITE = "site."
+"""Parameters, and a prefix of them, that have their effect at the begin of a run."""
 
 
 @dataclass(frozen=True)
@@ -241,6 +246,20 @@ def check_changes(
         if not any(change in setup.changes for setup in setups):
             raise ParameterError(
                 f"no node of the run has the parameter of {change}{suggestion(change.name, names)}"
+            )
+
+
+def check_changes_of_state(changes: Iterable[ParameterChange]) -> None:
+    """Check that changes have an effect in the middle of a run.
+
+    Raises:
+        ParameterError: one does not.
+    """
+    for change in changes:
+        if change.name in _FIXED_IN_STATE or change.name.startswith(_FIXED_SITE):
+            raise ParameterError(
+                f"{change.name} has its effect at the begin of a run; replay it from there, without"
+                " a saved state"
             )
 
 

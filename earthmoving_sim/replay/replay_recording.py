@@ -78,19 +78,24 @@ class ReplayRecording:
         self._bag.writer.close({"format_version": FORMAT_VERSION, "lost": "{}"})
 
     def start_soil(self, soil: ReplayedSoil) -> None:
-        """Record the configuration and the initial terrain of the soil node."""
+        """Record the configuration of the soil node, and its terrain when the recording begins."""
         self._soil, self._params = soil, soil.setup.node
         self._period = soil.setup.node.tick_period
-        self._map_revision, self._next_map_tick = soil.soil.revision, 0
+        # In the middle of a run, also the terrain after its first tick: that tick lacks the rows on
+        # which it depends, so that the map before it is of no use to an audit.
+        self._map_revision: int | None = soil.soil.revision if soil.endpoint.tick < 0 else None
+        self._next_map_tick = 0
         params = soil.setup.soil
         tilt = surface_tilt(params, soil.site.grid) if params.surface_tilt_noise > 0.0 else None
         self._soil_publishers = SoilPublishers(
             self._node, design=soil.site.design is not None, tilt=tilt
         )
         self._attach(soil.input_files)
-        stamp = stamp_from_tick(0, self._period)
+        tick = max(soil.endpoint.tick, 0)
+        stamp = stamp_from_tick(tick, self._period)
+        self._bag.time = _nanoseconds(stamp)
         self._soil_publishers.begin(self._terrain(), soil.config(), stamp)
-        self._publish_cut_fill(0)
+        self._publish_cut_fill(tick)
 
     def start_machines(
         self, machines: ReplayedMachines, setup: MachineNodeSetup, first_session: int

@@ -90,6 +90,17 @@ class ReplayedMachines:
         """Return all but what follows the machines, for a saved state."""
         return {name: each for name, each in vars(self).items() if name != "_on_state"}
 
+    def continue_from(self, other: ReplayedMachines) -> None:
+        """Continue the run of machines that may have other parameters, which are closed.
+
+        Raises:
+            MachineError, ParticleError: see `MachineSim.continue_from`.
+        """
+        sim = other.run.sim
+        self.run.continue_from(other.run)
+        self._inbox, self._outbox = other._inbox, other._outbox
+        sim.close()
+
     def continue_with(self, on_state: OnState) -> None:
         """Continue from a saved state.
 

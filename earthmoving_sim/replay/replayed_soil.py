@@ -47,6 +47,17 @@ class ReplayedSoil:
             run_id=run_id,
         )
 
+    def change(self, setup: SoilNodeSetup) -> None:
+        """Continue with other parameters on the same site.
+
+        Raises:
+            EarthmovingError: invalid soils, or others than `Soil.continue_from` can take.
+        """
+        soil: Soil = self.site.make_soil(setup.soil)
+        soil.continue_from(self.soil)
+        self.setup = setup
+        self.soil = self.endpoint.soil = soil
+
     @property
     def input_files(self) -> tuple[InputFile, ...]:
         """The files that the soil has read."""

@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from earthmoving_sim.replay.comparison import (
     Difference,
@@ -16,15 +17,9 @@ from earthmoving_sim.replay.comparison import (
 )
 from earthmoving_sim.replay.difference_details import DifferenceError, joint_detail, row_detail
 from earthmoving_sim.replay.errors import ReplayError
-from earthmoving_sim.replay.node_parameters import (
-    MachineNodeSetup,
-    ParameterChange,
-    check_changes,
-    machine_node_setup,
-    soil_node_setup,
-)
+from earthmoving_sim.replay.node_parameters import ParameterChange, check_changes_of_state
 from earthmoving_sim.replay.observer import Observer
-from earthmoving_sim.replay.recorded.recorded_files import restore_files
+from earthmoving_sim.replay.placement_terrain import PlacementTerrain
 from earthmoving_sim.replay.recorded.recorded_node import (
     NodeAction,
     RecordedNode,
@@ -41,6 +36,7 @@ from earthmoving_sim.replay.recorded.topic_queues import TopicQueues
 from earthmoving_sim.replay.replay_result import ReplayResult
 from earthmoving_sim.replay.replayed_machines import ReplayedMachines, compile_kernels
 from earthmoving_sim.replay.replayed_soil import ReplayedSoil
+from earthmoving_sim.replay.run_setups import RunConfigurations
 from earthmoving_sim.replay.saved_state import SavedMachines, SavedState
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.bag.writer import BagError
@@ -49,7 +45,7 @@ from msg_bridge.codec.run_config import parse_run_facts
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.ledger import Ledger
-from msg_bridge.contract.messages import Keyframe, MachineHeader, SoilHeader, Verb
+from msg_bridge.contract.messages import MachineHeader, SoilHeader, Verb
 from msg_bridge.contract.topics import resolve
 from soil_sim.warm_up import warm_up as warm_up_soil
 
@@ -89,13 +85,13 @@ class RunReplay:
         self.survey, self.facts = survey, parse_run_facts(survey.config)
         self.machines: dict[int, ReplayedMachines] = {}
         self.result = ReplayResult()
-        self._compares = not changes
+        self._changes = tuple(changes)
         self._observer: Observer | None = None
         self._before: SoilHeader | None = None
         self._absent = 0  # in the last recorded ledger [mm^3]
         self._volumes: dict[SessionId, int] = {}  # last reported soil [mm^3]
         self._first_sessions: dict[int, SessionId] = {}  # of the machines, by machine id
-        self._keyframes: dict[int, Keyframe] = {}  # by the recorded revision of the terrain
+        self._terrain = PlacementTerrain(survey)
         with ExitStack() as stack:  # closed at once if anything fails
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             self._set_up(folder, changes)
@@ -104,16 +100,13 @@ class RunReplay:
     def _set_up(self, folder: Path, changes: Sequence[ParameterChange]) -> None:
         """Restore files and parameters, and create the soil; `folder` is an empty one."""
         survey = self.survey
-        survey.check_configurations(self._reader.path)
-        files = restore_files(self._reader, survey.config, folder / "soil")
-        soil_setup = soil_node_setup(survey.config, files, changes)
-        self._setups = self._machine_setups(folder, changes)
-        check_changes(changes, [soil_setup, *self._setups.values()])
-        self.soil = ReplayedSoil(soil_setup, survey.run_id)
-        self._keep_keyframe(0)
+        self._configurations = RunConfigurations(self._reader, survey, folder)
+        self._soil_setup, self._setups = self._configurations.setups(changes)
+        self.soil = ReplayedSoil(self._soil_setup, survey.run_id)
+        self._terrain.keep(0, self.soil.keyframe)
         if changes:  # machines read soils from the configuration of the soil node
             self.facts = parse_run_facts(self.soil.config())
-        warm_up_soil(soil_setup.soil)
+        warm_up_soil(self._soil_setup.soil)
         for setup in self._setups.values():
             compile_kernels(setup)
         types = dict(SOIL_TOPICS)
@@ -128,10 +121,18 @@ class RunReplay:
             for machine_id, namespace in survey.nodes.items()
         }
 
+    @property
+    def _is_compared(self) -> bool:
+        """Whether the replay is to be equal to the recording."""
+        return not self._changes
+
     def follow(self, observer: Observer) -> None:
-        """Let an observer follow the replay, which has not begun."""
+        """Let an observer follow the replay, which has not begun; a state is restored before."""
         self._observer = observer
         observer.start_soil(self.soil)
+        for machine_id, machines in self.machines.items():
+            session = self._first_sessions[machine_id]
+            observer.start_machines(machines, self._setups[session], session.session_id)
 
     def save(self, path: Path) -> None:
         """Write the state after the last tick, from which `restore` continues.
@@ -153,28 +154,48 @@ class RunReplay:
                 raise ReplayError("a state with particles.mode cubes cannot be saved")
             machines[machine_id] = SavedMachines.of(each, self._first_sessions[machine_id], header)
         progress = self._before, self._absent, self._volumes
-        state = SavedState(self.soil, machines, self._keyframes, *progress)
-        about = {"run_id": self.survey.run_id}
-        save_state_file(path, state, about)
+        state = SavedState(self.soil, machines, self._terrain, *progress)
+        save_state_file(path, state, self._about_state(self._changes))
+
+    def _about_state(self, changes: Sequence[ParameterChange]) -> dict[str, Any]:
+        """Return what a state file must be of."""
+        return {"run_id": self.survey.run_id, "what_if": list(map(str, changes))}
 
     def restore(self, path: Path) -> None:
         """Continue from a saved state of the run, before the first tick is replayed.
 
+        With changes of parameters, they begin in this state.
+
         Raises:
-            StateFileError: it is no state of this run, or of another version.
+            StateFileError: it is no state of this run as recorded, or of another version.
+            ParameterError: a change that has no effect from here on.
+            EarthmovingError: the state does not fit the changed parameters.
         """
-        saved: SavedState = load_state_file(path, {"run_id": self.survey.run_id})
+        check_changes_of_state(self._changes)
+        saved: SavedState = load_state_file(path, self._about_state(()))
+        recorded, facts = self._configurations.setups(), parse_run_facts(self.survey.config)
         self.soil, self._before = saved.soil, saved.header
-        self._keyframes = saved.keyframes
+        self._terrain = saved.terrain
         self._absent, self._volumes = saved.absent, saved.volumes
         self._recorded_soil.skip_through(saved.header.tick)
         self.result.last_tick = self.result.first_tick = saved.header.tick
         for machine_id, each in saved.machines.items():
             session = self._first_sessions[machine_id] = each.first_session
-            keyframe = self._keyframes[self.survey.starts[session].terrain_revision]
-            setup = self._setups[session]
-            self.machines[machine_id] = each.restore(setup, self.facts, keyframe, self._on_state)
+            keyframe = self._terrain.of(self.survey.starts[session])
+            setup = recorded.machines[session]
+            self.machines[machine_id] = each.restore(setup, facts, keyframe, self._on_state)
             self._nodes[machine_id].skip_through(each.newest_header)
+        if self._changes:
+            self._change_parameters()
+
+    def _change_parameters(self) -> None:
+        """Continue soil and machines with the changed parameters."""
+        self.soil.change(self._soil_setup)
+        for machine_id, before in self.machines.items():
+            session = self._first_sessions[machine_id]
+            changed = self._make_machines(session)
+            self.machines[machine_id] = changed
+            changed.continue_from(before)
 
     def close(self) -> None:
         """Release the physics engines and the restored files."""
@@ -232,16 +253,6 @@ class RunReplay:
 
     # What the bag has.
 
-    def _machine_setups(
-        self, folder: Path, changes: Sequence[ParameterChange]
-    ) -> dict[SessionId, MachineNodeSetup]:
-        """Return the parameters of each process of a machine node, by its first session."""
-        setups = {}
-        for k, (session, begin) in enumerate(self.survey.starts.items()):
-            files = restore_files(self._reader, begin.config, folder / f"machines_{k}")
-            setups[session] = machine_node_setup(begin.config, files, begin.namespace, changes)
-        return setups
-
     def _machine_names(self, namespace: str) -> list[str]:
         """Return the names of the machines of a node; one empty name for an only machine."""
         starts = self.survey.starts.items()
@@ -269,15 +280,15 @@ class RunReplay:
         if self._observer is not None:
             self._observer.on_soil_tick(header, done, sent)
         self._before = recorded
-        self._keep_keyframe(recorded.revision)
+        self._terrain.keep(recorded.revision, self.soil.keyframe)
         difference = find_header_difference(recorded, header, _SOIL)
         if ledger is None:
             self.result.num_missing_ledgers += 1
         else:
             self._absent = ledger.absent
-            self.result.num_ledgers += self._compares
+            self.result.num_ledgers += self._is_compared
             difference = difference or find_ledger_difference(ledger, done.ledger)
-        if difference is not None and self._compares:
+        if difference is not None and self._is_compared:
             raise DifferenceError(difference, sent=sent)
         self._compare_hash(_SOIL_HASH, header.tick, self.soil.soil.state_hash)
         self.result.last_tick = header.tick
@@ -328,38 +339,24 @@ class RunReplay:
         if self._observer is not None:
             self._observer.on_action(machines, action, sent)
         difference = find_header_difference(header, replayed, machines.namespace)
-        if difference is not None and self._compares:
+        if difference is not None and self._is_compared:
             raise DifferenceError(difference, machines, action.session, sent)
 
-    def _keep_keyframe(self, revision: int) -> None:
-        """Keep the present terrain if machines are placed on it.
-
-        Args:
-            revision: its revision in the recording; with other parameters it has another one.
-        """
-        wanted = {start.terrain_revision for start in self.survey.starts.values()}
-        if revision in wanted and revision not in self._keyframes:
-            self._keyframes[revision] = self.soil.keyframe()
-
     def _start_node(self, session: SessionId) -> None:
-        """Create the machines of a process of a machine node."""
-        start = self.survey.starts[session]
-        keyframe = self._keyframes.get(start.terrain_revision)
-        if keyframe is None:
-            raise ReplayError(
-                f"{start.namespace} was placed on revision {start.terrain_revision} of the terrain,"
-                " which it did not have then; the bag is incomplete, or of an older version"
-            )
+        """Begin with the machines of a process of a machine node."""
         before = self.machines.pop(session.machine_id, None)
         if before is not None:
             before.close()
-        machines = ReplayedMachines(
-            start.namespace, self._setups[session], self.facts, keyframe, self._on_state
-        )
-        self.machines[session.machine_id] = machines
+        machines = self.machines[session.machine_id] = self._make_machines(session)
         self._first_sessions[session.machine_id] = session
         if self._observer is not None:
             self._observer.start_machines(machines, self._setups[session], session.session_id)
+
+    def _make_machines(self, session: SessionId) -> ReplayedMachines:
+        """Create the machines of a process of a machine node, where they were placed."""
+        start, setup = self.survey.starts[session], self._setups[session]
+        keyframe = self._terrain.of(start)
+        return ReplayedMachines(start.namespace, setup, self.facts, keyframe, self._on_state)
 
     # The comparison.
 
@@ -378,7 +375,7 @@ class RunReplay:
         machines: ReplayedMachines | None = None,
     ) -> None:
         recorded = self.survey.hashes.get(topic, {}).get(tick)
-        if recorded is None or not self._compares:
+        if recorded is None or not self._is_compared:
             return
         replayed = state_hash()
         if replayed != recorded:

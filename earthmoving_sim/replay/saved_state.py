@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from earthmoving_sim.replay.node_parameters import MachineNodeSetup
+from earthmoving_sim.replay.placement_terrain import PlacementTerrain
 from earthmoving_sim.replay.recorded.run_survey import SessionId
 from earthmoving_sim.replay.replayed_machines import OnState, ReplayedMachines
 from earthmoving_sim.replay.replayed_soil import ReplayedSoil
@@ -64,7 +65,7 @@ class SavedState(NamedTuple):
     Attributes:
         soil: the soil.
         machines: the machine nodes that have joined, by machine id.
-        keyframes: terrain on which machines are placed, by its recorded revision.
+        terrain: terrain on which machines are placed.
         header: recorded header of the last tick.
         absent: absent soil in the recorded ledger [mm^3].
         volumes: last reported soil by session [mm^3].
@@ -72,7 +73,7 @@ class SavedState(NamedTuple):
 
     soil: ReplayedSoil
     machines: dict[int, SavedMachines]
-    keyframes: dict[int, Keyframe]
+    terrain: PlacementTerrain
     header: SoilHeader
     absent: int
     volumes: dict[SessionId, int]

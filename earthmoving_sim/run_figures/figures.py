@@ -50,13 +50,13 @@ class RunFigures:
     cycles: dict[str, list[PayloadCycle]] = field(default_factory=dict)
 
 
-def read_figures(reader: BagReader, run_id: int, end: float) -> RunFigures:
+def read_figures(reader: BagReader, run_id: int, begin: float, end: float) -> RunFigures:
     """Return the figures of a run in a bag; those of topics that it lacks are 0.
 
     Args:
         reader: the bag.
         run_id: number of the run.
-        end: simulation time up to which it counts [s].
+        begin, end: simulation times after which and up to which it counts [s].
 
     Raises:
         BagReadError: the bag is damaged.
@@ -75,12 +75,12 @@ def read_figures(reader: BagReader, run_id: int, end: float) -> RunFigures:
                 present_run = volumes.add_map(message)
             elif topic.endswith(_PAYLOAD):
                 state = from_payload_array(message)
-                if present_run == run_id and state.time_s <= end:
+                if present_run == run_id and begin < state.time_s <= end:
                     payloads[topic.removesuffix(_PAYLOAD)].append((state.time_s, state.bank_m3))
-            elif seconds_from_stamp(message.header.stamp) <= end:
+            elif (time := seconds_from_stamp(message.header.stamp)) <= end:
                 is_conversion = topic == _CONVERSIONS
                 stream = Stream.CONVERSION if is_conversion else Stream.MAP_UPDATE
-                volumes.add_rows(from_chunk_cloud(message, stream))
+                volumes.add_rows(from_chunk_cloud(message, stream), is_counted=time > begin)
     figures = volumes.figures()
     figures.cycles = {name: find_cycles(each) for name, each in payloads.items()}
     return figures
@@ -139,8 +139,8 @@ class _Volumes:
             self._revisions = np.full(self._start.shape, keyframe.revision, dtype=np.int64)
         return keyframe.run_id
 
-    def add_rows(self, chunk: RowChunk) -> None:
-        """Add rows; repeated ones are ignored."""
+    def add_rows(self, chunk: RowChunk, *, is_counted: bool) -> None:
+        """Add rows; repeated ones are ignored, and those before the begin only change its map."""
         if chunk.run_id != self._run_id:
             return
         rows = chunk.rows
@@ -148,7 +148,7 @@ class _Volumes:
             rows = rows[rows["seq"].astype(np.int64) >= self._next_row]
             if rows.size:
                 self._next_row = int(rows["seq"][-1]) + 1
-            for kind in np.unique(rows["kind"]):
+            for kind in np.unique(rows["kind"]) if is_counted else ():
                 volumes = rows["volume_mm3"][rows["kind"] == kind]
                 self._sums[int(kind)] += int(volumes.sum(dtype=np.int64))
         elif self._end is not None:
@@ -157,6 +157,8 @@ class _Volumes:
             at = at[0][is_newer], at[1][is_newer]
             self._end[at] = rows["volume_mm3"][is_newer].astype(np.int64)
             self._revisions[at] = rows["revision"][is_newer]
+            if not is_counted:
+                self._start[at] = self._end[at]
 
     def figures(self) -> RunFigures:
         """Return the figures of all rows."""
@@ -165,6 +167,6 @@ class _Volumes:
         )
         if self._end is not None:
             change = self._end - self._start
-            figures.cut = -float(change[change < 0].sum()) * _MM3
+            figures.cut = float(-change[change < 0].sum()) * _MM3
             figures.fill = float(change[change > 0].sum()) * _MM3
         return figures

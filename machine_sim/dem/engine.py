@@ -20,6 +20,7 @@ from machine_sim.dem.tools.pose import Pose
 from machine_sim.dem.tools.rigid_tool import RigidTool
 from machine_sim.dem.tools.tool_set import ToolSet
 from machine_sim.ground.contact_surface import Ground
+from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.loose_soil import LooseSoil
 
 __all__ = ["ParticleEngine"]
@@ -90,6 +91,27 @@ class ParticleEngine(SoilEngine):
         self._wake_near_rows(np.arange(first, self.state.count))
         self._dynamics.include_added(len(ids), grow=grow)
         return ids
+
+    def continue_from(self, other: ParticleEngine) -> None:
+        """Take the particles of an engine with other parameters, with their ids.
+
+        They are awake, and have the sizes, masses and coefficients of these parameters. Where a
+        kind of soil has another moisture of its own, theirs changes by the same difference. Contacts
+        have no tangential displacement. This engine has no particles before.
+
+        Raises:
+            ParticleError: more particles than the capacity.
+        """
+        state, before = self.state, other.state
+        now, then = (np.array([kind.moisture for kind in engine.soils]) for engine in (self, other))
+        moisture = np.clip(before.moisture + (now - then)[before.soil], 0, MOISTURE_LEVELS - 1)
+        self.add(before.position, before.velocity, before.volume_mm3, before.soil, moisture)
+        grown = before.contact_radius / before.radius
+        state.contact_radius[:] = grown * state.radius
+        state.angular_velocity[:] = before.angular_velocity
+        state.settle_timer[:] = before.settle_timer
+        state.renumber(before.particle_id, before.next_id)
+        self._freeze_rows(np.flatnonzero(before.frozen))
 
     def remove(self, ids: ArrayLike) -> None:
         """Remove particles; see `SoilEngine.remove`."""

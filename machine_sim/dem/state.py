@@ -209,6 +209,12 @@ class ParticleState:
         self._update_views()
         return kept
 
+    def renumber(self, ids: NDArray[np.uint32], next_id: int) -> None:
+        """Give all particles other ids, shape (n,), and the next one that is added `next_id`."""
+        self.particle_id[:] = ids
+        self.next_id = next_id
+        self._rows_by_id = None
+
     def reorder(self, order: NDArray[np.intp]) -> None:
         """Make row `order[k]` row k; rows that are not named are removed."""
         for column in self._columns.values():

@@ -94,6 +94,26 @@ class Ground:
         """Maximum depth of soles below the undisturbed surface [m], same shape; soles write it."""
         return self._compaction.max_sinkage
 
+    def continue_from(self, other: Ground) -> None:
+        """Take terrain and compaction from a ground of the same grid; soils keep their ids.
+
+        Raises:
+            GroundError: it has a soil that this one lacks.
+        """
+        self._check_soil_ids(other.soil)
+        self._compaction.continue_from(other._compaction)
+        for layer, before in (
+            (self.soil, other.soil),
+            (self.moisture, other.moisture),
+            (self.elevation, other.elevation),
+            (self.surface, other.surface),
+            (self.undisturbed_surface, other.undisturbed_surface),
+            (self._is_rising, other._is_rising),
+        ):
+            layer[:] = before
+        self._rising_cells = other._rising_cells.copy()
+        self._changed[:] = self._has_changes = True
+
     def check_keyframe(self, keyframe: Keyframe) -> None:
         """Check that a terrain can be applied: its grid, heights and soils.
 

@@ -43,6 +43,12 @@ class TrackCompaction:
         self._bank_height_per_mm3 = 1e-3 / grid.cell_area_mm2  # [m/mm^3]
         self._max_loose_height_per_mm3 = self._bank_height_per_mm3 * (1.0 + swell)  # [m/mm^3]
 
+    def continue_from(self, other: TrackCompaction) -> None:
+        """Take the columns of one of the same grid."""
+        self.volume_mm3[:] = other.volume_mm3
+        self.compaction_depth[:] = other.compaction_depth
+        self.max_sinkage[:] = other.max_sinkage
+
     def apply_changes(
         self,
         cells: NDArray[np.int64],

@@ -25,7 +25,15 @@ from machine_sim.machine.actuator_step import actuator_step
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.hydraulics import HydraulicSystem
 from machine_sim.machine.joint_reference import JointReference
-from machine_sim.machine.joint_table import ANGLE, EFFORT, TARGET_ANGLE, TORQUE_LIMIT
+from machine_sim.machine.joint_table import (
+    ANGLE,
+    EFFORT,
+    LOWER,
+    TARGET_ANGLE,
+    TARGET_RATE,
+    TORQUE_LIMIT,
+    UPPER,
+)
 from machine_sim.machine.multibody import load_multibody
 from machine_sim.machine.rotations import cross, rotation_of
 from machine_sim.machine.spec import BASE, MachineSpec
@@ -143,6 +151,49 @@ class TrackedMachine:
             (self.tools[name], children.index(mount.link)) for name, mount in spec.tools.items()
         ]
         self._main_body_joint = children.index(spec.main_body) if spec.main_body != BASE else None
+        self.after_step()
+
+    def continue_from(self, other: TrackedMachine) -> None:
+        """Take pose, motion and commands of a machine that may have another specification.
+
+        The machines may differ in dimensions, masses, actuators and tools, but not in the names of
+        their joints. Joint angles are limited to the range of this machine; tracks have no
+        shear displacement, and the engine has no load.
+
+        Raises:
+            MachineError: other joints, or the tracks of one of the machines are bodies of their
+                own.
+        """
+        if self.spec.joint_names != other.spec.joint_names:
+            raise MachineError(
+                f"the machine has the joints {', '.join(other.spec.joint_names)}, and"
+                f" {', '.join(self.spec.joint_names)} are given; give a machine with these joints"
+            )
+        if isinstance(self.tracks, DynamicTracks) or isinstance(other.tracks, DynamicTracks):
+            raise MachineError(
+                "the track model cannot be changed, nor a machine with dynamic tracks"
+            )
+        origin, quaternion = other.base_pose
+        velocity, angular_velocity = other.base_velocity
+        arm = other.base_frame[0] @ self._base_com
+        body, client = self.body, self.client_id
+        pybullet.resetBasePositionAndOrientation(body, origin + arm, quaternion, client)
+        com_velocity = velocity + cross(angular_velocity, arm)
+        pybullet.resetBaseVelocity(body, com_velocity, angular_velocity, client)
+        for joint, angle, rate, limit in zip(
+            self._joints, other._angles, other._rates, self._limits, strict=True
+        ):
+            within = min(max(angle, limit.lower), limit.upper)
+            pybullet.resetJointState(body, joint, within, rate, client)
+        reference = self._reference.table
+        reference[TARGET_ANGLE : TARGET_RATE + 1] = other._reference.table[
+            TARGET_ANGLE : TARGET_RATE + 1
+        ]
+        reference[TARGET_ANGLE] = np.clip(
+            reference[TARGET_ANGLE], reference[LOWER], reference[UPPER]
+        )
+        self._command = list(other._command)
+        self._valves.continue_from(other._valves)
         self.after_step()
 
     def command(

@@ -66,6 +66,13 @@ class Valves:
         speeds: list[float] = self.table[DEMAND].tolist()
         return speeds
 
+    def continue_from(self, other: Valves) -> None:
+        """Take commands, underway ones included, and openings from valves of the same actuators."""
+        for slot in (COMMAND, ARRIVED, DEMAND):
+            self.table[slot] = other.table[slot]
+        self._time, self._last_command = other._time, list(other._last_command)
+        self._underway = deque(other._underway)
+
     def transmit(self, dt: float, commands: list[float]) -> None:
         """Transmit the commanded speeds to the valves for `dt` [s]; `advance_valves` follows."""
         if commands != self._last_command:

@@ -107,6 +107,19 @@ class MachineRun:
         for instance, arbiter in zip(self._instances, state.arbiters, strict=True):
             instance.arbiter.restore(arbiter)
 
+    def continue_from(self, other: MachineRun) -> None:
+        """Continue the run of machines that may have other parameters; see `MachineSim`.
+
+        Raises:
+            MachineError, ParticleError: see `MachineSim.continue_from`.
+        """
+        sim, endpoint = self.sim, other.endpoint
+        sim.continue_from(endpoint.sim)
+        endpoint.sim = sim
+        self._set_endpoint(endpoint)
+        self.terrain_revision = other.terrain_revision
+        self.progress, self._last_interval = other.progress, other._last_interval
+
     @property
     def state(self) -> MachineRunState:
         """Present state of the run, without physics."""

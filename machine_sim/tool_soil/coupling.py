@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem import Pose, SoilEngine
-from machine_sim.machine import Tool
+from machine_sim.machine import MachineError, Tool
 from machine_sim.params import MachineSimParams
 from machine_sim.tool_soil.payload import Payload
+from machine_sim.tool_soil.pending_soil import PendingSoil
 from machine_sim.tool_soil.room import ReportedRoom
 from machine_sim.tool_soil.tools import ToolMotion, make_interaction
 from msg_bridge.contract.rows import MAX_MILLING_WORK, Rows
@@ -76,6 +77,26 @@ class ToolSoilCoupling:
         self._frame_history = deque([tool.frame], maxlen=_NUM_FRAMES)
         self._reported_room = ReportedRoom(_NUM_FRAMES)
         self.payload: Payload = interaction.payload(particles, tool.pose)
+
+    def continue_from(self, other: ToolSoilCoupling) -> None:
+        """Take soil, recent poses and reported room from the coupling of a tool in the same pose.
+
+        The ground exerts no force until the next answer of the soil.
+
+        Raises:
+            MachineError: one of the tools digs and the other does not.
+        """
+        if isinstance(self.pending, PendingSoil) and isinstance(other.pending, PendingSoil):
+            self.pending.continue_from(other.pending)
+        elif type(self.pending) is not type(other.pending):
+            raise MachineError(
+                "a tool that digs cannot take the place of one that does not, nor the reverse; give"
+                " a tool of the same kind"
+            )
+        self._previous_pose = self.tool.pose
+        self._frame_history = deque(other._frame_history, maxlen=_NUM_FRAMES)
+        self._reported_room.continue_from(other._reported_room)
+        self._particles.set_tool_motion(self.tool_id, self.tool.pose, self.tool.pose)
 
     @property
     def wrench(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

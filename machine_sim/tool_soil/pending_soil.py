@@ -16,7 +16,7 @@ one particle. Soil of uniform moisture keeps it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,6 +143,12 @@ class PendingSoil:
         """Water (volume times moisture) of the pending soil, plus `rounding_error` [mm^3 %]."""
         parcels = sum(parcel.water for parcel in self._parcels.values())
         return self._rounding_error + self._remainder.water + parcels
+
+    def continue_from(self, other: PendingSoil) -> None:
+        """Take the soil of another account, and its random numbers."""
+        self._parcels = {key: replace(each) for key, each in other._parcels.items()}
+        self._remainder = replace(other._remainder)
+        self._rounding_error, self._rng = other._rounding_error, other._rng
 
     def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
         """Credit the EXCAVATE rows among CONVERSION rows of a tool at a pose in a tick."""

@@ -36,6 +36,10 @@ class ReportedRoom:
         """Reports that are not answered [mm^3], oldest first, for the state hash."""
         return np.array(self._outstanding, dtype=np.int64)
 
+    def continue_from(self, other: ReportedRoom) -> None:
+        """Take the reports of another tool."""
+        self._outstanding.extend(other._outstanding)
+
     def receive_answer(self, ticks_ago: int) -> None:
         """Remove the reports up to that of the tick `ticks_ago` ticks ago, which is answered."""
         while len(self._outstanding) > ticks_ago:

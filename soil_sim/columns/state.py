@@ -41,6 +41,13 @@ _MAX_MAP_MM3 = 2**62
 """Largest volume of the terrain: with the soil deposited on it, it fits into an int64 [mm^3]."""
 
 
+_STATE_LAYERS = (
+    *("firm", "loose", "bulk", "height", "soil", "loose_soil", "minority_volume"),
+    *("moisture", "loose_moisture"),
+)
+"""Layers of `ColumnArrays` that are the state of the terrain."""
+
+
 class SurfaceMaterial(IntEnum):
     """Appearance of the surface of a column."""
 
@@ -206,6 +213,19 @@ class Columns:
         """Moisture of the soil at the surface [%], shape (rows, cols), uint8."""
         top: NDArray[np.uint8] = np.where(self.loose > 0, self.loose_moisture, self.moisture)
         return top
+
+    def continue_from(self, other: Columns) -> None:
+        """Take volumes, kinds, moistures and materials from columns of the same grid and floor.
+
+        All columns count as touched.
+        """
+        for name, layer in self.arrays._asdict().items():
+            if name in _STATE_LAYERS:
+                layer[:] = getattr(other.arrays, name)
+        self.material[:] = other.material
+        self._is_touched[:] = 1
+        self._touched[0] = self.height.size
+        self._touched[1:] = np.arange(self.height.size)
 
     def pop_touched(self) -> NDArray[np.int64]:
         """Return the flat indices of the columns touched since the last call, unsorted."""

@@ -1,7 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from support.machine_scenes import machine_on_level_ground
+from support.machine_scenes import excavator, load_shipped_machine, machine_on_level_ground
 
+from machine_sim.dem import ParticleParams
 from machine_sim.machine import MachineError
 from machine_sim.params import MachineSimParams
 from machine_sim.simulation import MachineSim
@@ -137,3 +140,41 @@ def test_state_hash_is_equal_for_equal_runs_only() -> None:
         machine.close()
     assert hashes[0] == hashes[1]
     assert hashes[0] != hashes[2]
+
+
+def test_machine_continues_with_other_parameters(machine: MachineSim) -> None:
+    add_particles(machine, 3)
+    excavated = empty_rows(CONVERSION, 1)
+    excavated["kind"], excavated["volume_mm3"] = ConversionKind.EXCAVATE, 123_456
+    machine.command(np.array([0.4, 0.0, 0.0, 0.0]), np.ones(2))
+    step_until_deposit_request(machine)
+    machine.credit_excavated_soil(excavated, 0)
+    spec = excavator()
+    links = {**spec.links, "upper": replace(spec.links["upper"], mass=15_000.0)}
+    params = ParticleParams(nominal_volume=200_000)
+    heavier = machine_on_level_ground(replace(spec, links=links), particle_params=params)
+    heavier.continue_from(machine)
+    assert heavier.tick == machine.tick
+    assert heavier.pending_mm3 == 123_456
+    for name in ("ids", "positions", "volumes_mm3", "frozen_ids"):
+        assert np.array_equal(getattr(heavier.particles, name), getattr(machine.particles, name))
+    now, before = heavier.machine, machine.machine
+    np.testing.assert_allclose(now.joint_positions, before.joint_positions)
+    np.testing.assert_allclose(now.joint_velocities, before.joint_velocities)
+    np.testing.assert_allclose(now.base_pose[0], before.base_pose[0], atol=1e-9)
+    np.testing.assert_allclose(now.base_velocity[0], before.base_velocity[0], atol=1e-9)
+    swing = now.joint_positions[0]
+    for sim in (heavier, machine):
+        for _ in range(20):
+            sim.step()
+    assert now.joint_positions[0] > swing + 0.01, "the command is still in force"
+    np.testing.assert_allclose(now.base_pose[0], before.base_pose[0], atol=0.05)
+    assert heavier.particles.add([[0.0, 5.0, 1.0]], [[0.0, 0.0, 0.0]], 500_000) > 3
+    heavier.close()
+
+
+def test_machine_does_not_continue_as_one_with_other_tools(machine: MachineSim) -> None:
+    other = machine_on_level_ground(load_shipped_machine("dumper"))
+    with pytest.raises(MachineError, match="give a machine with these tools"):
+        other.continue_from(machine)
+    other.close()

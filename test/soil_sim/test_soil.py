@@ -159,3 +159,27 @@ def test_volume_of_the_largest_map_is_exact() -> None:
     soil.step(0, NO_SWEEPS, make_deposit_requests(0.0, 0.0, MAX_ROW_VOLUME))
     assert soil.total_mm3 == 35**2 * 60_000**2 * 1_000_000 + MAX_ROW_VOLUME
     assert soil.verify_volume()
+
+
+def test_terrain_continues_with_other_parameters() -> None:
+    before = flat_soil(6.0, 0.2, soil="loam")
+    before.step(0, NO_SWEEPS, make_deposit_requests([0.0] * 100, [0.0] * 100, MAX_ROW_VOLUME // 10))
+    soil = flat_soil(6.0, 0.2, soil="wet clay")
+    moistures = soil.loose_soils[0].moisture, before.loose_soils[0].moisture
+    soil.continue_from(before)
+    assert soil.total_mm3 == before.total_mm3
+    assert soil.verify_volume()
+    assert soil.revision == before.revision
+    assert np.array_equal(soil.columns.height, before.columns.height)
+    assert (soil.columns.moisture == moistures[0]).all()
+    assert moistures[0] != moistures[1]
+    step = soil.step(1, NO_SWEEPS, NO_DEPOSIT_REQUESTS)
+    assert step.map_updates.size == soil.grid.rows * soil.grid.cols, "of the moisture"
+    for _ in range(20):
+        soil.step(2, NO_SWEEPS, NO_DEPOSIT_REQUESTS)
+    assert soil.columns.height.max() < before.columns.height.max(), "wet clay fails"
+    assert soil.total_mm3 == before.total_mm3
+    with pytest.raises(SoilError, match="not their number"):
+        flat_soil(6.0, 0.2, additional_soils=("gravel",)).continue_from(before)
+    with pytest.raises(SoilError, match="keep the site"):
+        flat_soil(6.0, 0.2, soil_depth=9.0).continue_from(before)

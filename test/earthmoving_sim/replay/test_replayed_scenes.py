@@ -23,6 +23,9 @@ from machine_sim.node.machine_node import MachineNode
 from msg_bridge.audit.bag_audit import audit_bag
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.bag.writer import BagWriter
+from msg_bridge.codec.tick_headers import from_multi_array
+from msg_bridge.config_files import find_config
+from msg_bridge.contract.ledger import Ledger
 from msg_bridge.recorder.recorder_node import RecorderNode
 from msg_bridge.testing.ros_context import Ros
 
@@ -214,6 +217,35 @@ def test_saved_state_continues_to_the_last_bit(
     state.write_bytes(damaged)
     assert main(["replay", str(bag), "--from", str(state)]) == 2
     assert "truncated or damaged" in capsys.readouterr().err
+
+
+def test_branch_with_other_parameters_from_a_saved_state(
+    ros: Ros, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, state, branch = record_dig(ros, tmp_path), tmp_path / "state", tmp_path / "branch"
+    assert main(["replay", str(bag), "--until", "45", "--save", str(state)]) == 0
+    from_state = ["replay", str(bag), "--from", str(state)]
+    heavy = (
+        find_config("machines/excavator.yaml").read_text().replace("mass: 9900.0", "mass: 15000.0")
+    )
+    (tmp_path / "heavy.yaml").write_text(heavy)
+    changes = ['soil.soil:="wet clay"', f"machine:={tmp_path / 'heavy.yaml'}"]
+    changes = [word for change in changes for word in ("--what-if", change)]
+    assert main([*from_state, *changes, "--record", str(branch)]) == 0
+    assert re.search(r"excavated \[m3\] +0\.\d+ +0\.\d+ +[-+]", capsys.readouterr().out)
+    assert not audit_bag(branch).runs[0].findings
+    ledgers = [
+        from_multi_array(message) for _, _, message in BagReader(branch).messages(["/soil/ledger"])
+    ]
+    assert all(isinstance(ledger, Ledger) and ledger.imbalance == 0 for ledger in ledgers)
+    assert len(ledgers) == BagReader(bag).topics["/soil/ledger"].count - 46
+    for change, reason in (
+        ("site.seed:=3", "begin of a run"),
+        ("soil.additional_soils:=[gravel]", "not their number"),
+        ("stepping.track_model:=dynamic", "track model"),
+    ):
+        assert main([*from_state, "--what-if", change]) == 2
+        assert reason in capsys.readouterr().err
 
 
 def test_other_soil_with_the_same_commands(
