@@ -11,6 +11,7 @@ and apply to every caller of `Soil.step`; the limits here apply to sweeps that m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import SWEEP_SEGMENT, Rows, SweepAction
+from msg_bridge.kernels import kernel
 
 __all__ = ["SweepLimits"]
 
@@ -119,36 +121,80 @@ class SweepLimits:
 
         Coordinates that are not finite are left to `tool_sweeps`.
         """
-        starts, ends = segments[:, 0], segments[:, 1]
-        displacement = np.abs(ends - starts).max()
-        if not np.isfinite(displacement):
+        ends, lengths = np.empty((len(segments), 3)), np.empty(len(segments) - 1)
+        displacement = _measure(segments, ends, lengths)
+        if not math.isfinite(displacement):
             return ""
         if displacement > self._max_displacement:
             return (
                 f"a key point moves {displacement:.2f} m in a tick, and at most"
                 f" {self._max_displacement:g} m are possible at max_tool_speed"
             )
-        edges = ends[1:] - ends[:-1]
-        sweep = _Tool(ends, np.sqrt(np.einsum("ij,ij->i", edges, edges)), tick)
-        known = tools.get(tool)
-        fault = "" if known is None else self._find_jump(known, sweep, starts, tolerance)
-        if known is not None and fault and not _has_been_moved(known, starts, ends):
+        sweep, known = _Tool(ends, lengths, tick), tools.get(tool)
+        fault = "" if known is None else self._find_jump(known, sweep, segments, tolerance)
+        if known is not None and fault and not _has_been_moved(known, segments[:, 0], ends):
             return fault
         if known is not None and not fault:
             sweep.lengths = known.lengths  # of its first sweep, so that the shape cannot drift
         tools[tool] = sweep
         return ""
 
-    def _find_jump(self, known: _Tool, sweep: _Tool, starts: Points, tolerance: float) -> str:
+    def _find_jump(self, known: _Tool, sweep: _Tool, segments: Points, tolerance: float) -> str:
         """Return how a sweep does not continue that of its tool before; empty if it does."""
-        if sweep.lengths.shape != known.lengths.shape or (
-            sweep.lengths.size and np.abs(sweep.lengths - known.lengths).max() > _SHAPE_TOLERANCE
-        ):
-            return "its key points are not those of its first sweep"
-        gap = np.abs(starts - known.ends).max()
+        fault = "its key points are not those of its first sweep"
+        if sweep.lengths.size != known.lengths.size:
+            return fault
+        change, gap = _compare(segments, sweep.lengths, known.ends, known.lengths)
+        if change > _SHAPE_TOLERANCE:
+            return fault
         # A track at rest has no sweeps: it may have crept since its last one.
         most = tolerance + self._max_displacement * max(sweep.tick - known.tick - 1, 0)
         return "" if gap <= most else f"its sweep begins {gap:.2f} m from the end of its last one"
+
+
+@kernel
+def _measure(segments, ends, lengths):  # type: ignore[no-untyped-def]
+    """Measure a sweep.
+
+    Args:
+        segments: key points at its start and at its end [m], shape (n, 2, 3).
+        ends: out: key points at its end [m], shape (n, 3).
+        lengths: out: distances between successive ones [m], shape (n - 1,).
+
+    Returns:
+        The largest change of a coordinate [m]; not finite if a coordinate is not.
+    """
+    largest = 0.0
+    for k in range(len(segments)):
+        square = 0.0
+        for axis in range(3):
+            ends[k, axis] = segments[k, 1, axis]
+            change = abs(segments[k, 1, axis] - segments[k, 0, axis])
+            if not math.isfinite(change):
+                return change
+            largest = max(largest, change)
+            if k > 0:
+                square += (ends[k, axis] - ends[k - 1, axis]) ** 2
+        if k > 0:
+            lengths[k - 1] = math.sqrt(square)
+    return largest
+
+
+@kernel
+def _compare(segments, lengths, ends_before, lengths_before):  # type: ignore[no-untyped-def]
+    """Compare a sweep with the one of its tool before, of as many key points.
+
+    Returns:
+        The largest change of a distance between two key points [m], and the largest difference of a
+        coordinate from the end of the sweep before [m].
+    """
+    change = gap = 0.0
+    for k in range(len(lengths)):
+        change = max(change, abs(lengths[k] - lengths_before[k]))
+    for k in range(len(segments)):
+        for axis in range(3):
+            gap = max(gap, abs(segments[k, 0, axis] - ends_before[k, axis]))
+    return change, gap
 
 
 def _has_been_moved(known: _Tool, starts: Points, ends: Points) -> bool:

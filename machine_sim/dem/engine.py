@@ -96,8 +96,8 @@ class ParticleEngine(SoilEngine):
         """Take the particles of an engine with other parameters, with their ids.
 
         They are awake, and have the sizes, masses and coefficients of these parameters. Where a
-        kind of soil has another moisture of its own, theirs changes by the same difference. Contacts
-        have no tangential displacement. This engine has no particles before.
+        kind of soil has another moisture of its own, theirs changes by the same difference.
+        Contacts have no tangential displacement. This engine has no particles before.
 
         Raises:
             ParticleError: more particles than the capacity.

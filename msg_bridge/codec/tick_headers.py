@@ -15,7 +15,7 @@ from __future__ import annotations
 import array
 import json
 import typing
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, is_dataclass, replace
 from enum import IntEnum
 from functools import cache
@@ -142,7 +142,7 @@ def from_multi_array(msg: Int64MultiArray, key: ExchangeKey | None = None) -> Ar
     of: type = _TYPES[kind]
     values = [0 if k == ABSENT else msg.data[k] for k in label_positions(of, label)]
     try:
-        message: ArrayMessage = _build(of, iter(values[1:]))
+        message: ArrayMessage = _builder(of)(iter(values[1:]))
     except ValueError as error:  # not a member of an enumeration
         raise CodecError(f"the array is not a {kind.name}: {error}", ErrorCode.VALUE) from None
     for name, value in zip(reversed(_derived(of)), reversed(values), strict=False):
@@ -268,22 +268,29 @@ def _derived(of: type) -> tuple[str, ...]:
     return DERIVED_PROPERTIES.get(of, ())
 
 
-def _build(of: Any, values: Iterator[int]) -> Any:
-    """Return a dataclass, enumeration member or number from the next values.
+@cache
+def _builder(of: Any) -> Callable[[Iterator[int]], Any]:
+    """Return what makes a dataclass, enumeration member or number from the next values.
 
-    A tuple takes all values that are left.
-
-    Raises:
-        ValueError: not a member of an enumeration.
+    A tuple takes all values that are left. It raises ValueError for a value that is not a member of
+    an enumeration.
     """
     if typing.get_origin(of) is tuple:
         item = typing.get_args(of)[0]
-        rest = list(values)
-        again = iter(rest)
-        return tuple([_build(item, again) for _ in range(len(rest) // len(field_types(item)))])
+        build_item, size = _builder(item), len(field_types(item))
+
+        def build_tuple(values: Iterator[int]) -> Any:
+            rest = list(values)
+            again = iter(rest)
+            return tuple([build_item(again) for _ in range(len(rest) // size)])
+
+        return build_tuple
+    if of is int:
+        return next
     if issubclass(of, int):  # as enumerations are
-        return of(next(values))
-    return of(*[_build(each, values) for each in field_types(of).values()])
+        return lambda values: of(next(values))
+    builders = [_builder(each) for each in field_types(of).values()]
+    return lambda values: of(*[build(values) for build in builders])
 
 
 def _is_int64(value: Any) -> bool:
