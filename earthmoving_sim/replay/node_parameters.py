@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -67,7 +68,7 @@ class ParameterChange:
 
 
 def parse_change(text: str) -> ParameterChange:
-    """Parse `[NODE:]NAME:=VALUE`; the value is YAML.
+    """Parse `[NODE:]NAME:=VALUE`; the value is YAML, and 3e-1 a number.
 
     Raises:
         ParameterError: it has another form.
@@ -78,6 +79,9 @@ def parse_change(text: str) -> ParameterChange:
         value = yaml.safe_load(right)
     except yaml.YAMLError as error:
         raise ParameterError(f"the value in {text!r} is not YAML: {error}") from error
+    if isinstance(value, str):  # a number to ROS, but not in YAML 1.1
+        with suppress(ValueError):
+            value = float(value)
     if not sign or not name or value is None:
         raise ParameterError(
             f"{text!r} is no change of a parameter; give NAME:=VALUE, for example"

@@ -288,7 +288,7 @@ def test_machines_that_come_and_go_in_real_time(ros: Ros, tmp_path: Path) -> Non
     scene.more_ticks(10)
     bag = scene.finish()
     check_identical(replay(bag), ["/soil/state_hash", "/excavator/state_hash", "/late/state_hash"])
-    change = ["--what-if", "soil.swell:=0.3", "--record", str(tmp_path / "other")]
+    change = ["--what-if", "soil.swell:=3e-1", "--record", str(tmp_path / "other")]
     assert main(["replay", str(bag), *change]) == 0
     assert audit_bag(tmp_path / "other").passed
     check_identical(replay(tmp_path / "other"), ["/soil/state_hash", "/late/state_hash"])
