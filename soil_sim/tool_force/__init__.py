@@ -1,6 +1,8 @@
 """Forces of the ground on tools: cutting resistance, milling resistance and bearing capacity.
 
 - `earthmoving_equation`: force of soil on a blade (fundamental earthmoving equation)
+- `failure_wedge`: the same below a sloping surface, with soil that fails beside the blade
+- `surface_ahead`: depth and slope of the surface before an edge
 - `rock_pick`: force of rock on a conical pick (Evans, Goktan)
 - `strength_table`: soil properties and terrain data that the force kernels read
 - `wrench`: sums of forces, reduced to force, torque and point of application

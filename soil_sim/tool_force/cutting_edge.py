@@ -12,13 +12,19 @@ ahead of it, so uneven ground, mixed soils and an edge partly in the air need no
 - **Rake.** If the outer face leads slightly while the edge is still in front (too small a clearance
   angle), the rake is the minimum rake of the theory. If the edge does not lead, the tool backs out
   of the cut, and the resistance is zero.
-- **Depth** is that of the edge below the surface `LOOKAHEAD_CELLS` cells ahead, which is not cut
-  yet. If the edge moves down, the depth counts in full, except where n points down: there it is
-  multiplied by 1 + n_z, which is zero for n straight down. Otherwise the depth is measured to the
-  surface perpendicular to the travel: it is multiplied by n_z, for a level edge the cosine of the
-  climb angle, which is 1 for horizontal and 0 for vertical motion. It is zero if n points down.
-- **Surcharge** is the weight of the soil above the top of the tool, up to the height of the tool: a
-  blade at the foot of a wall does not push the whole wall. Soil *in* the tool is not a surcharge,
+- **Surface.** A straight line through the surface ahead, along the wedge that fails, extended to
+  the edge (`surface_ahead`): the same for any cell size and direction. Depth and slope are those of
+  this line, and the force is that of a wedge below a sloping surface (`failure_wedge`).
+- **Inclined travel.** Travel along the slope turns the blade with it: gravity keeps its direction.
+  So the rake to the horizontal is that to the travel less the climb angle of the travel, as far as
+  the slope has this angle. The rest of the climb, out of the surface, or of the dive into it, does
+  not turn the wedge. If the edge dives, the depth counts in full, except where n points down: there
+  it is multiplied by 1 + n_z, which is zero for n straight down. If it climbs out, the depth is
+  measured perpendicular to the travel: for a level edge it is multiplied by the cosine of that
+  angle, which is zero for vertical motion.
+- **Ends.** At both ends of the edge soil fails in crescents, as far as there is soil beside them.
+- **Surcharge** is the weight of the soil above the top of the tool, up to the height of the tool.
+  Soil *in* the tool is not a surcharge,
   because its particles press on the tool themselves.
 - **Soil** has the kind and moisture of the column ahead. Cohesion counts for the firm part of the
   depth, up to the height of the tool; the unit weight is the mean of firm and loose soil there.
@@ -35,23 +41,23 @@ import math
 from typing import NamedTuple
 
 from msg_bridge.kernels import helper
-from soil_sim.tool_force.earthmoving_equation import blade_force
+from soil_sim.tool_force.failure_wedge import wedge_force
 from soil_sim.tool_force.rock_pick import goktan_force
-from soil_sim.tool_force.strength_table import column_index_at
+from soil_sim.tool_force.surface_ahead import depth_at, surface_ahead
 from soil_sim.tool_force.wrench import add_force
 from soil_sim.vec3 import add, cross, divide, dot, key_point, norm, scale, subtract
 
-__all__ = ["LOOKAHEAD_CELLS", "MIN_TRAVEL", "NUM_STRIPS", "add_edge_force", "blade_strip_force"]
+__all__ = ["MIN_TRAVEL", "NUM_STRIPS", "add_edge_force", "blade_strip_force"]
 
 NUM_STRIPS = 8
 """Number of strips of an edge or a side; even, so that half an edge is a whole number of strips."""
 
-LOOKAHEAD_CELLS = 1.5
-"""Distance ahead of an edge or side at which the depth is measured [cells]: it reaches the next
-column in any direction."""
-
 MIN_TRAVEL = 1e-4
 """Minimum travel of an edge in a tick that cuts [m]: float32 positions give no direction below."""
+
+_END_CLEARANCE_CELLS = 1.5
+"""Distance from an end of an edge at which the soil beside it is sampled [cells along the grid]: no
+column that the edge is in is used."""
 
 _TOOTH_SPACING = 0.25
 """Distance between the teeth of a bucket [m]."""
@@ -76,7 +82,9 @@ class _Travel(NamedTuple):
         width: width of the edge across the travel [m].
         rake: rake of the plate [rad], 0 if the outer face leads.
         height: height of the tool above its edge [m].
-        depth_factor: fraction of the depth that resists; 0 if nothing does.
+        climb: angle of the travel to the horizontal [rad].
+        dive_factor: fraction of the depth that resists if the edge dives; 0 if the edge does not
+            cut.
     """
 
     direction: tuple[float, float, float]
@@ -85,13 +93,14 @@ class _Travel(NamedTuple):
     width: float
     rake: float
     height: float
-    depth_factor: float
+    climb: float
+    dive_factor: float
 
 
 @helper(inline="always")
 def _travel(points):  # type: ignore[no-untyped-def]
     """Return the travel of a tool from its key points, shape (rows, 2, 3)."""
-    none = _Travel((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.0, 0.0)
+    none = _Travel((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0)
     left, right = key_point(points, 0, 1), key_point(points, 1, 1)
     edge = scale(0.5, add(left, right))
     displacement = subtract(edge, scale(0.5, add(key_point(points, 0, 0), key_point(points, 1, 0))))
@@ -119,14 +128,15 @@ def _travel(points):  # type: ignore[no-untyped-def]
         n, plate_beside = scale(-1.0, n), -plate_beside
     if plate_beside <= 0.0 and plate_behind <= 0.0:
         return none
-    depth_factor = min(1.0, 1.0 + n[2]) if t[2] < 0.0 else max(n[2], 0.0)
+    climb = math.asin(min(max(t[2], -1.0), 1.0))
+    dive_factor = min(1.0, 1.0 + n[2])
     dive = max(-t[2], 0.0)
     ax, ay = t[0] + dive * n[0], t[1] + dive * n[1]
     ahead = math.hypot(ax, ay)
     if ahead > 1e-6:
         ax, ay = ax / ahead, ay / ahead
     rake = math.atan2(max(plate_beside, 0.0), plate_behind)
-    return _Travel(t, n, (ax, ay), width, rake, top - edge[2], depth_factor)
+    return _Travel(t, n, (ax, ay), width, rake, top - edge[2], climb, dive_factor)
 
 
 @helper(inline="always")
@@ -142,53 +152,110 @@ def add_edge_force(points, origin, columns, grid_layout, strength, sums):  # typ
         sums: sums of `add_force`.
     """
     travel = _travel(points)
-    if travel.depth_factor <= 0.0:
+    if travel.dive_factor <= 0.0:
         return
     left, right = key_point(points, 0, 1), key_point(points, 1, 1)
+    across = subtract(right, left)
     t, n = travel.direction, travel.normal
-    ahead = LOOKAHEAD_CELLS * grid_layout.cell
+    ends = (
+        _end_fraction(left, scale(-1.0, across), travel, columns, grid_layout),
+        _end_fraction(right, across, travel, columns, grid_layout),
+    )
+    ends_per_width = (ends[0] + ends[1]) / travel.width
     for strip in range(NUM_STRIPS):
-        at = add(left, scale((strip + 0.5) / NUM_STRIPS, subtract(right, left)))
-        i = column_index_at(
-            at[0] + ahead * travel.ahead[0], at[1] + ahead * travel.ahead[1], grid_layout
+        at = add(left, scale((strip + 0.5) / NUM_STRIPS, across))
+        i, below, slope, cover = surface_ahead(
+            at[0], at[1], at[2], travel.ahead, travel.height, columns, grid_layout
         )
-        if i < 0 or columns.height[i] <= at[2]:
+        if i < 0 or below <= 0.0:
             continue
-        below = columns.height[i] - at[2]
-        width, depth = travel.width / NUM_STRIPS, travel.depth_factor * min(below, travel.height)
+        turn, factor = _turn_and_depth_factor(travel, slope)
+        width, depth = travel.width / NUM_STRIPS, factor * below
+        if depth <= 0.0:
+            continue
+        num_ends = ends[0] if strip == 0 else ends[1] if strip == NUM_STRIPS - 1 else 0.0
         cutting, normal = blade_strip_force(
-            i, below, depth, width, travel.rake, travel.height, columns, strength
-        )
+            i, below, min(cover, travel.height), depth, width, (num_ends, ends_per_width),
+            travel.rake - turn, slope, columns, strength,
+        )  # fmt: skip
+        # From the frame of the wedge to that of the travel.
+        cos, sin = math.cos(turn), math.sin(turn)
+        cutting, normal = cutting * cos - normal * sin, cutting * sin + normal * cos
         x, y, z = subtract(at, origin)
         add_force(sums, (x, y, z + depth / 3.0), subtract(scale(normal, n), scale(cutting, t)))
 
 
+@helper(inline="always")
+def _turn_and_depth_factor(travel, slope):  # type: ignore[no-untyped-def]
+    """Return by what angle a slope turns the blade with its travel, and the depth that resists.
+
+    Args:
+        travel: `_Travel` of the tool.
+        slope: slope of the surface ahead [rad].
+
+    Returns:
+        (angle by which the travel climbs along the slope [rad], fraction of the depth).
+    """
+    turn = min(max(travel.climb, min(slope, 0.0)), max(slope, 0.0))
+    rest = travel.climb - turn
+    if rest < 0.0:
+        return turn, travel.dive_factor
+    cos = math.cos(travel.climb)
+    if cos < 1e-6:
+        return turn, 0.0
+    return turn, max(travel.normal[2], 0.0) / cos * math.cos(rest)
+
+
+@helper(inline="always")
+def _end_fraction(end, outward, travel, columns, grid_layout):  # type: ignore[no-untyped-def]
+    """Return the fraction of a crescent that fails beside an end of an edge.
+
+    Args:
+        end: the end [m].
+        outward: vector along the edge, out of that end; any length.
+        travel, columns, grid_layout: as for `add_edge_force`.
+    """
+    length = math.hypot(outward[0], outward[1])
+    i, depth, _, _ = surface_ahead(
+        end[0], end[1], end[2], travel.ahead, travel.height, columns, grid_layout
+    )
+    if length < 1e-6 or i < 0 or depth <= 0.0:
+        return 0.0
+    ox, oy = outward[0] / length, outward[1] / length
+    aside = _END_CLEARANCE_CELLS * grid_layout.cell * (abs(ox) + abs(oy))
+    beside = depth_at(end[0] + aside * ox, end[1] + aside * oy, end[2], columns, grid_layout)
+    fraction = min(max(beside / depth, 0.0), 1.0)
+    return fraction * fraction
+
+
 @helper
 def blade_strip_force(  # type: ignore[no-untyped-def]
-    i, below, depth, width, rake, height, columns, strength
+    i, below, above, depth, width, ends, rake, slope, columns, strength
 ):
-    """Return the forces on a strip of a blade: (against the travel, perpendicular to it) [N].
+    """Return the forces on a strip of a blade: (horizontal, against it; vertical, up) [N].
 
     Args:
         i: flat index of the column ahead of the strip.
-        below: depth of the lower end of the strip below the surface of that column [m].
+        below: depth of the lower end of the strip below the surface ahead, at most its height [m].
+        above: height of the soil above the upper end of the strip that lies on the wedge [m].
         depth: part of that depth that resists [m].
         width: width of the strip [m].
+        ends: number of ends of the blade in the strip beside which soil fails, and that of the
+            whole blade over its width [1/m].
         rake: rake of the strip [rad].
-        height: height of the strip [m].
+        slope: slope of the surface ahead [rad].
         columns: `ForceColumns` of the terrain.
         strength: `strength_table` of its kinds of soil.
     """
-    above = min(max(below - height, 0.0), height)
     # The loose soil is on top: that above the tool is a surcharge, and no part of the cut.
-    firm_depth = max(below - columns.bulk[i] * columns.metres_per_mm3, 0.0)
-    firm_fraction = min(firm_depth / min(below, height), 1.0)
+    firm_depth = max(below + above - columns.bulk[i] * columns.metres_per_mm3, 0.0)
+    firm_fraction = min(firm_depth / below, 1.0)
     kind = columns.soil[i] if firm_fraction > 0.0 else columns.loose_soil[i]
     gamma = surcharge = 0.0
     if columns.loose[i] > 0:
         gamma = strength[columns.loose_soil[i]].gamma * (columns.loose[i] / columns.bulk[i])
     if above > 0.0:
-        firm_above = min(max(firm_depth - height, 0.0), above)
+        firm_above = min(max(firm_depth - below, 0.0), above)
         surcharge = strength[columns.soil[i]].gamma * firm_above + gamma * (above - firm_above)
     cutting = normal = 0.0
     if firm_fraction > 0.0 and strength[kind].tensile_strength > 0.0:  # rock
@@ -203,8 +270,8 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
         gamma = firm_fraction * strength[kind].gamma + (1.0 - firm_fraction) * gamma
         cohesion = firm_fraction * strength[kind].cohesion[columns.moisture[i]]
         adhesion = strength[kind].adhesion[columns.moisture[i]]
-    horizontal, vertical = blade_force(
-        width, depth, rake, surcharge, gamma, strength[kind].phi, strength[kind].delta,
-        cohesion, adhesion,
+    horizontal, vertical = wedge_force(
+        width, ends[0], ends[1], depth, rake, slope, surcharge, gamma, strength[kind].phi,
+        strength[kind].delta, cohesion, adhesion,
     )  # fmt: skip
     return cutting + horizontal, normal + vertical

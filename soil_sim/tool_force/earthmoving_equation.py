@@ -49,7 +49,8 @@ Limits of the theory:
   to `MIN_RAKE`.
 - If the face is rougher than the soil, the soil fails next to it: delta is clamped to phi. Clay
   without friction therefore has a finite force, too.
-- Soil that flows around the sides of a narrow tine (about w < d) is neglected.
+- The equation is of a wide blade on level ground. `failure_wedge` has the general case: a surface
+  that slopes, and soil that fails beside the ends of the blade.
 
 A bucket in loam (w 1.2 m, d 0.2 m, gamma 16 kN/m^3, phi 35 deg, delta 23 deg, c 10 kPa, c_a 2 kPa,
 rho 60 deg) gives beta = 26.5 deg and
@@ -70,8 +71,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import kernel
 from soil_sim.errors import SoilError
+from soil_sim.tool_force.failure_wedge import (
+    MAX_ANGLE_SUM,
+    MAX_FRICTION,
+    MIN_RAKE,
+    clamp_angles,
+    wedge_force,
+)
 
 __all__ = [
     "MAX_ANGLE_SUM",
@@ -83,15 +91,6 @@ __all__ = [
     "compute_blade_force",
     "wedge_factors",
 ]
-
-MIN_RAKE = math.radians(10.0)
-"""Minimum rake [rad]; smaller ones are clamped to it."""
-
-MAX_ANGLE_SUM = math.radians(160.0)
-"""Maximum rho + delta + phi [rad]; with typical friction beta is 8 to 10 deg there."""
-
-MAX_FRICTION = math.radians(60.0)
-"""Maximum angle of internal friction [rad]; materials above it are rock."""
 
 
 @dataclass(frozen=True)
@@ -151,8 +150,13 @@ def compute_blade_force(
     cohesion: float = 0.0,
     adhesion: float = 0.0,
     surcharge: float = 0.0,
+    slope: float = 0.0,
+    num_ends: float = 0.0,
 ) -> BladeForce:
-    """Return the force of the soil on a blade: `blade_force` with validated arguments.
+    """Return the force of the soil on a blade: `wedge_force` with validated arguments.
+
+    With the defaults of `slope` and `num_ends` that of the fundamental earthmoving equation, a wide
+    blade in level ground; see `failure_wedge` for the general case.
 
     Args:
         width: width of the blade [m].
@@ -164,6 +168,9 @@ def compute_blade_force(
         cohesion: cohesion of the soil [Pa].
         adhesion: adhesion of the soil to the tool [Pa]; limited to the value at which P is 0.
         surcharge: pressure on the surface in front of the blade [Pa].
+        slope: angle of the surface in front of the blade to the horizontal [rad], positive if it
+            rises; clamped to the limits of the theory.
+        num_ends: number of ends of the blade beside which soil fails, 0 to 2.
 
     Raises:
         SoilError: an angle is out of range, or another argument is negative or not finite.
@@ -179,8 +186,14 @@ def compute_blade_force(
     ):
         if not 0.0 <= value < math.inf:
             raise SoilError(f"{name} is {value} {unit}; give a finite number, 0 or more")
+    if not abs(slope) < math.pi / 2:
+        raise SoilError(f"slope is {slope} rad; give an angle within -pi/2 and pi/2, in radians")
+    if not 0.0 <= num_ends <= 2.0:
+        raise SoilError(f"num_ends is {num_ends}; a blade has 0 to 2 ends")
     return BladeForce(
-        *blade_force(width, depth, rake, surcharge, gamma, phi, delta, cohesion, adhesion)
+        *_wedge_force(
+            width, num_ends, depth, rake, slope, surcharge, gamma, phi, delta, cohesion, adhesion
+        )
     )
 
 
@@ -193,25 +206,6 @@ def _check_angles(rake: float, phi: float, delta: float) -> None:
         raise SoilError(f"delta is {delta} rad; give an angle from 0 to below pi/2, in radians")
 
 
-@helper(inline="always")
-def _clamp_angles(rake, phi, delta):  # type: ignore[no-untyped-def]
-    """Return (rake, phi, delta), clamped to the limits of the theory."""
-    # min and max would drop a NaN; comparisons do not.
-    if phi < 0.0:
-        phi = 0.0
-    elif phi > MAX_FRICTION:
-        phi = MAX_FRICTION
-    if delta < 0.0:
-        delta = 0.0
-    elif delta > phi:
-        delta = phi
-    if rake < MIN_RAKE:
-        rake = MIN_RAKE
-    elif rake > MAX_ANGLE_SUM - phi - delta:
-        rake = MAX_ANGLE_SUM - phi - delta
-    return rake, phi, delta
-
-
 @kernel
 def wedge_factors(rake, phi, delta):  # type: ignore[no-untyped-def]
     """Return (clamped rake, beta, N_gamma, N_c, N_q, N_a); angles in rad.
@@ -219,7 +213,7 @@ def wedge_factors(rake, phi, delta):  # type: ignore[no-untyped-def]
     Kernel. Angles are clamped: phi to [0, `MAX_FRICTION`], delta to [0, phi], the rake between
     `MIN_RAKE` and the value where Omega is `MAX_ANGLE_SUM`. NaN gives NaN.
     """
-    rake, phi, delta = _clamp_angles(rake, phi, delta)
+    rake, phi, delta = clamp_angles(rake, phi, delta)
     angle_sum = rake + delta + phi
     cot_rake = math.cos(rake) / math.sin(rake)
     # Without friction N_gamma does not depend on beta: take the limit of a smooth face.
@@ -242,16 +236,17 @@ def blade_force(width, depth, rake, surcharge, gamma, phi, delta, cohesion, adhe
     Kernel. Arguments are those of `compute_blade_force`, not validated: angles are clamped as in
     `wedge_factors`, a depth or width of 0 or less gives no force, NaN gives NaN.
     """
-    if depth <= 0.0 or width <= 0.0:
-        return 0.0, 0.0
-    rake, phi, delta = _clamp_angles(rake, phi, delta)
-    _, _, n_gamma, n_c, n_q, n_a = wedge_factors(rake, phi, delta)
-    adhesive = adhesion * depth
-    without_adhesion = depth * (gamma * depth * n_gamma + cohesion * n_c + surcharge * n_q)
-    push = without_adhesion + adhesive * n_a  # P per unit of width
-    if push < 0.0:
-        adhesive = -without_adhesion / n_a
-        push = 0.0
-    horizontal = push * math.sin(rake + delta) + adhesive * math.cos(rake) / math.sin(rake)
-    vertical = adhesive - push * math.cos(rake + delta)
-    return width * horizontal, width * vertical
+    return wedge_force(
+        width, 0.0, 0.0, depth, rake, 0.0, surcharge, gamma, phi, delta, cohesion, adhesion
+    )
+
+
+@kernel
+def _wedge_force(  # type: ignore[no-untyped-def]
+    width, num_ends, depth, rake, slope, surcharge, gamma, phi, delta, cohesion, adhesion
+):
+    """Return `wedge_force` of a whole blade."""
+    ends = num_ends / max(width, 1e-9)
+    return wedge_force(
+        width, num_ends, ends, depth, rake, slope, surcharge, gamma, phi, delta, cohesion, adhesion
+    )

@@ -12,13 +12,8 @@ from __future__ import annotations
 import math
 
 from msg_bridge.kernels import helper
-from soil_sim.tool_force.cutting_edge import (
-    LOOKAHEAD_CELLS,
-    MIN_TRAVEL,
-    NUM_STRIPS,
-    blade_strip_force,
-)
-from soil_sim.tool_force.strength_table import column_index_at
+from soil_sim.tool_force.cutting_edge import MIN_TRAVEL, NUM_STRIPS, blade_strip_force
+from soil_sim.tool_force.surface_ahead import surface_ahead
 from soil_sim.tool_force.wrench import add_force
 from soil_sim.vec3 import add, divide, dot, key_point, norm, scale, subtract
 
@@ -66,20 +61,15 @@ def add_side_plate_force(points, origin, columns, grid_layout, strength, sums): 
         return
     for strip in range(NUM_STRIPS):
         x, y, bottom, top = _side_outline_at(points, first, ax, ay, low + (strip + 0.5) * width)
-        i = column_index_at(
-            x + LOOKAHEAD_CELLS * grid_layout.cell * ax,
-            y + LOOKAHEAD_CELLS * grid_layout.cell * ay,
-            grid_layout,
+        i, depth, slope, cover = surface_ahead(
+            x, y, bottom, (ax, ay), top - bottom, columns, grid_layout
         )
-        if i < 0 or columns.height[i] <= bottom:
-            continue
-        below = columns.height[i] - bottom
-        depth, width_across = min(below, top - bottom), width * abs(lateral_fraction)
-        if depth < 1e-6:
+        if i < 0 or depth < 1e-6:
             continue
         cutting, _ = blade_strip_force(
-            i, below, depth, width_across, 0.5 * math.pi, top - bottom, columns, strength
-        )
+            i, depth, min(cover, top - bottom), depth, width * abs(lateral_fraction), (0.0, 0.0),
+            0.5 * math.pi, slope, columns, strength,
+        )  # fmt: skip
         at = x - origin[0], y - origin[1], bottom + depth / 3.0 - origin[2]
         add_force(sums, at, scale(-cutting, t))
 

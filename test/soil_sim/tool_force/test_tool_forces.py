@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from support.soil_scenes import NO_DEPOSIT_REQUESTS, bucket_sweep, flat_soil, tool_sweep
 
+from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import Rows, SoilReaction, SweepAction
 from soil_sim.soil import Soil
+from soil_sim.soils.params import SoilParams
 from soil_sim.soils.soil_types import load_soil_types
 from soil_sim.tool_force import compute_blade_force
 
@@ -26,7 +28,15 @@ def plate(rake: float) -> tuple[tuple[float, float], ...]:
     return ((0.0, 0.0), (-math.cos(math.radians(rake)), math.sin(math.radians(rake))))
 
 
-def expected(name: str, rake: float, width: float = 1.2, depth: float = DEPTH) -> np.ndarray:
+def expected(
+    name: str,
+    rake: float,
+    width: float = 1.2,
+    depth: float = DEPTH,
+    slope: float = 0.0,
+    num_ends: float = 2.0,
+) -> np.ndarray:
+    """Return the force on a blade that moves toward +x; rake and slope in degrees."""
     kind = KINDS[name]
     factor = kind.moisture_strength_factor(kind.moisture)
     found = compute_blade_force(
@@ -38,6 +48,8 @@ def expected(name: str, rake: float, width: float = 1.2, depth: float = DEPTH) -
         delta=math.radians(kind.tool_friction),
         cohesion=kind.cohesion * factor,
         adhesion=kind.adhesion * factor,
+        slope=math.radians(slope),
+        num_ends=num_ends,
     )
     return np.array([-found.horizontal, 0.0, found.vertical])
 
@@ -85,15 +97,86 @@ def test_force_is_against_the_travel(degrees) -> None:
     assert found == pytest.approx(direction, rel=0.02, abs=20.0)
 
 
-def test_force_is_proportional_to_width() -> None:
-    one, two = (
-        force(
-            flat_soil(8.0, 0.2, soil="loam"),
-            tool_sweep(plate(60.0), (0, 0, -DEPTH), (TRAVEL, 0, -DEPTH), width=width),
+def sloping_soil(cell: float, slope: float, yaw: float, name: str) -> Soil:
+    """Return soil whose surface rises at a slope in the direction of a yaw, all in degrees."""
+    n = int(round(7.0 / cell)) + 1
+    grid = Grid(n, n, cell)
+    x, y = grid.x(np.arange(n))[:, None], grid.y(np.arange(n))[None, :]
+    along = x * math.cos(math.radians(yaw)) + y * math.sin(math.radians(yaw))
+    soil = Soil(grid, along * math.tan(math.radians(slope)), SoilParams(soil=name))
+    soil.relaxation.is_enabled = False
+    return soil
+
+
+def drag_up_slope(
+    cell: float, slope: float, yaw: float, *, name: str = "dry sand", turned: bool = False
+) -> np.ndarray:
+    """Return forces (ahead, aside, up) in a drag of 0.7 m, shape (ticks, 3).
+
+    The blade cuts `DEPTH` below the slope, level in every tick, or turned with the slope.
+    """
+    soil = sloping_soil(cell, slope, yaw, name)
+    climb, way = math.tan(math.radians(slope)), math.radians(yaw)
+    pitch = math.radians(slope) if turned else 0.0
+    found = []
+    for tick in range(35):
+        x = -0.5 + TRAVEL * tick
+        rise = TRAVEL * math.tan(pitch)
+        z = climb * (x + TRAVEL) - DEPTH
+        outline = [
+            (
+                px * math.cos(pitch) - pz * math.sin(pitch),
+                px * math.sin(pitch) + pz * math.cos(pitch),
+            )
+            for px, pz in plate(60.0)
+        ]
+        sweep = tool_sweep(outline, (x, 0, z - rise), (x + TRAVEL, 0, z))
+        row = soil.step(tick, rotated(sweep, way), NO_DEPOSIT_REQUESTS).forces[0]
+        fx, fy = row["fx"], row["fy"]
+        ahead = fx * math.cos(way) + fy * math.sin(way)
+        found.append((ahead, fy * math.cos(way) - fx * math.sin(way), row["fz"]))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("cell", [0.4, 0.2, 0.1])
+@pytest.mark.parametrize(
+    ("slope", "ratio"), [(-20, 0.60), (-10, 0.79), (0, 1.0), (10, 1.25), (20, 1.58), (30, 2.10)]
+)
+def test_force_in_a_slope_is_that_of_the_trial_wedge_for_any_cell_and_yaw(cell, slope, ratio):
+    level = expected("dry sand", 60.0, num_ends=0.0)
+    wide = expected("dry sand", 60.0, slope=slope, num_ends=0.0)
+    assert wide[0] == pytest.approx(ratio * level[0], rel=0.01)
+    for yaw in (0.0, 33.0, 45.0):
+        found = drag_up_slope(cell, slope, yaw)
+        assert found == pytest.approx(
+            np.broadcast_to(expected("dry sand", 60.0, slope=slope), found.shape),
+            rel=0.01,
+            abs=30.0,
         )
-        for width in (0.8, 1.6)
-    )
-    assert two == pytest.approx(2.0 * one, rel=1e-5)
+
+
+@pytest.mark.parametrize("slope", [-20, 20])
+@pytest.mark.parametrize("name", ["dry sand", "loam"])
+def test_blade_turned_with_a_slope_has_the_force_of_the_turned_wedge(name, slope) -> None:
+    found = drag_up_slope(0.2, slope, 20.0, name=name, turned=True)
+    blade = expected(name, 60.0 - slope, slope=slope)
+    assert found == pytest.approx(np.broadcast_to(blade, found.shape), rel=0.01, abs=50.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "ratios"), [("dry sand", (1.13, 1.24, 1.36)), ("loam", (1.16, 1.32, 1.46))]
+)
+def test_soil_beside_a_blade_adds_what_mckyes_and_ali_compute(name, ratios) -> None:
+    for depth, ratio in zip((0.1, 0.2, 0.3), ratios, strict=True):
+        wide = expected(name, 60.0, depth=depth, num_ends=0.0)
+        assert expected(name, 60.0, depth=depth)[0] == pytest.approx(ratio * wide[0], rel=0.02)
+
+
+def test_end_of_a_blade_beside_a_trench_has_no_crescent() -> None:
+    soil = flat_soil(6.0, 0.1, soil="dry sand")
+    soil.columns.height[:, soil.grid.y(np.arange(soil.grid.cols)) > 0.65] -= 1.0
+    found = force(soil, tool_sweep(plate(60.0), (0, 0, -DEPTH), (TRAVEL, 0, -DEPTH)))
+    assert found[0] == pytest.approx(expected("dry sand", 60.0, num_ends=1.0)[0], rel=0.01)
 
 
 STROKE = bucket_sweep((0, 0, -DEPTH), (TRAVEL, 0, -DEPTH))
@@ -164,7 +247,7 @@ BOX = ((0.0, 0.0), (-0.8, 0.0), (-0.8, 1.0), (0.0, 1.0))
 def test_force_on_side_in_level_soil_is_that_of_earthmoving_equation(name, way) -> None:
     sweep = tool_sweep(BOX, (0, 0, -DEPTH), (0, way, -DEPTH))
     found = force(flat_soil(6.0, 0.2, soil=name), sweep)
-    blade = expected(name, 90.0, width=0.8)
+    blade = expected(name, 90.0, width=0.8, num_ends=0.0)
     assert found == pytest.approx([0.0, math.copysign(blade[0], -way), 0.0], rel=1e-4, abs=1.0)
 
 
@@ -173,7 +256,7 @@ def test_depth_of_bucket_side_is_that_of_its_outline() -> None:
     found = force(
         flat_soil(6.0, 0.1, soil="gravel"), bucket_sweep((0, 0, -deep), (0, TRAVEL, -deep))
     )
-    wall = expected("gravel", 90.0, width=1.0, depth=deep)[0]
+    wall = expected("gravel", 90.0, width=1.0, depth=deep, num_ends=0.0)[0]
     assert wall < found[1] < 0.4 * wall
 
 
@@ -187,7 +270,7 @@ def test_oblique_travel_has_part_of_the_side_force_symmetric_left_and_right() ->
         for y in (-1.0, 1.0)
     )
     assert right == pytest.approx(left * [1.0, -1.0, 1.0], rel=1e-3)
-    side = part * expected("loam", 90.0, width=0.8)[0]
+    side = part * expected("loam", 90.0, width=0.8, num_ends=0.0)[0]
     assert left @ [part, part, 0.0] < side  # plus the force on its cutting edge
 
 
