@@ -32,7 +32,7 @@ minimize the term of the weight with and without crescents.
 
 The dead wedge in front of steep and rough faces is not modelled; see `earthmoving_equation` for the
 limits of the angles. epsilon is limited so that rho' and rho' + delta + phi keep within them, and
-to -phi below, where soil without cohesion slides by itself.
+to -phi below, where soil without cohesion slides without being pushed.
 """
 
 from __future__ import annotations
