@@ -112,7 +112,6 @@ class Soil:
             self.columns,
             self.relaxation.occupied,
             resolution=self.params.cut_resolution,
-            reach=self.params.relaxation_radius,
         )
         self._keypoint_cut = KeyPointCut(
             self.columns, num_interpolated=self.params.num_interpolated_key_points

@@ -13,6 +13,7 @@ from msg_bridge.contract.rows import (
     empty_rows,
     join_rows,
 )
+from soil_sim.columns.occupancy import TOOL_INSIDE
 from soil_sim.soil import Soil
 from soil_sim.soil_inventory import SoilInventory
 from soil_sim.soils.params import SoilParams
@@ -72,9 +73,10 @@ def _closed_ring() -> Rows:
 
 
 def _collapse_cliff(params: SoilParams) -> None:
-    """Let a cliff collapse, which compiles the kernels that relax a window."""
+    """Let a cliff collapse beside a tool, which compiles the kernels that relax a window."""
     heights = np.zeros((16, 16))
     heights[:8] = 8.0
     soil = Soil(Grid(16, 16, 0.2), heights, params)
+    soil.relaxation.occupied[2, 2] = TOOL_INSIDE
     soil.relaxation.mark_all_disturbed()
     soil.relaxation.relax()

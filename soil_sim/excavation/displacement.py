@@ -7,24 +7,17 @@ it on, and flows to the sides by slope failure: a dozer blade leaves a windrow o
 does a full bucket, or one that is swung through the ground. Where the tool moves straight up or
 down, and at the edge of the map, the nearest column without a tool gets the soil; if there is none
 within `_MAX_DISTANCE`, the soil stays where it was.
-
-Slope failure moves soil over several columns at once, and the part of a tool below the ground may
-be thinner than that, as a blade is. The columns within the reach of slope failure behind a cut, if
-lower than the soil that was cut, are therefore in the *lee* of the tool: the soil ahead does not
-slide into them through the tool. They are until the tool has left the column that it cut.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.kernels import helper, kernel
-from soil_sim.columns.occupancy import FREE, LEE, TOOL_INSIDE
+from soil_sim.columns.occupancy import FREE
 from soil_sim.columns.state import Columns
-from soil_sim.excavation.removed_soil import REMOVED_SOIL, RemovedSoil
+from soil_sim.excavation.removed_soil import RemovedSoil
 from soil_sim.slope_failure.runout import ColumnShares
 from soil_sim.tool_sweeps import SweptPairs
 
@@ -37,69 +30,35 @@ _MIN_HORIZONTAL_FRACTION = 0.1
 """Horizontal part of the displacement of a tool below which soil is not pushed to one side."""
 
 
-class _Lee(NamedTuple):
-    """Columns in the lee of tools.
-
-    Attributes:
-        cells: flat indices, shape (n,), int64; may contain duplicates.
-        anchors: column, with a tool in it, behind which each of these is, shape (n,), int64.
-    """
-
-    cells: NDArray[np.int64]
-    anchors: NDArray[np.int64]
-
-
 class Displacement:
-    """Finds the columns that displaced soil is pushed to, and those in the lee of tools."""
+    """Finds the columns that displaced soil is pushed to."""
 
-    def __init__(self, columns: Columns, occupied: NDArray[np.uint8], reach: float) -> None:
+    def __init__(self, columns: Columns, occupied: NDArray[np.uint8]) -> None:
         """
         Args:
             columns: the terrain.
-            occupied: marks of `columns.occupancy`, shape (rows, cols); changed.
-            reach: radius of the neighbourhood that soil slides to [cells].
+            occupied: marks of `columns.occupancy`, shape (rows, cols).
         """
-        self._frame, self._height = columns.frame, columns.arrays.height
-        self._occupied = occupied.reshape(-1)
-        self._reach = int(np.ceil(reach))
+        self._frame, self._occupied = columns.frame, occupied.reshape(-1)
         self._displaced: list[tuple[RemovedSoil, NDArray[np.float64]]] = []
-        none = np.zeros(0, dtype=np.int64)
-        self._lee = _Lee(none, none)
 
     def add(self, displaced: RemovedSoil, pairs: SweptPairs) -> None:
         """Add soil that the tool with these pairs has no room for."""
         self._displaced.append((displaced, _directions(displaced, pairs.points)))
 
-    def end_tick(self) -> tuple[ColumnShares | None, NDArray[np.int64]]:
-        """Push the soil added in the tick ahead; columns with a tool are marked already.
+    def end_tick(self) -> ColumnShares | None:
+        """Return the shares of the columns that get the soil added in the tick; None without any.
 
-        Returns:
-            (shares of the columns that get soil, None without any; flat indices of the columns that
-            are no longer in the lee of a tool, sorted).
+        Columns with a tool are marked already.
         """
-        if not self._displaced and self._lee.cells.size == 0:  # the usual case
-            return None, self._lee.cells
-        soils = [soil for soil, _ in self._displaced]
-        directions = [direction for _, direction in self._displaced]
+        if not self._displaced:  # the usual case
+            return None
+        soil = np.concatenate([soil for soil, _ in self._displaced])
+        direction = np.concatenate([direction for _, direction in self._displaced])
         self._displaced = []
-        soil = np.concatenate([np.zeros(0, REMOVED_SOIL), *soils])
-        direction = np.concatenate([np.zeros((0, 2)), *directions])
-        old, occupied = self._lee, self._occupied
-        occupied[old.cells[occupied[old.cells] == LEE]] = FREE
-        target = _target_columns(soil, direction, occupied, self._frame)
-        new = _Lee(*_lee_columns(soil, direction, occupied, self._height, self._frame, self._reach))
-        is_kept = occupied[old.anchors] == TOOL_INSIDE
-        self._lee = lee = _Lee(
-            np.concatenate([old.cells[is_kept], new.cells]),
-            np.concatenate([old.anchors[is_kept], new.anchors]),
-        )
-        occupied[lee.cells[occupied[lee.cells] == FREE]] = LEE
-        occupied[target[occupied[target] == LEE]] = FREE
-        left = np.unique(old.cells[occupied[old.cells] == FREE])
-        if soil.size == 0:
-            return None, left
+        target = _target_columns(soil, direction, self._occupied, self._frame)
         columns = (target, soil["volume_mm3"], soil["soil"], soil["moisture"])
-        return ColumnShares(*map(np.ascontiguousarray, columns)), left
+        return ColumnShares(*map(np.ascontiguousarray, columns))
 
 
 @kernel
@@ -139,7 +98,7 @@ def split_by_room(removed, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def nearest_free_column(cell, occupied, frame):  # type: ignore[no-untyped-def]
-    """Return the column, neither with a tool nor in the lee of one, nearest to a column.
+    """Return the column without a tool that is nearest to a column.
 
     It is the column itself if no other is within `_MAX_DISTANCE`.
     """
@@ -211,31 +170,6 @@ def _target_columns(soil, directions, occupied, frame):  # type: ignore[no-untyp
                     break
         targets[n] = target if target >= 0 else nearest_free_column(soil[n].cell, occupied, frame)
     return targets
-
-
-@kernel
-def _lee_columns(soil, directions, occupied, height, frame, reach):  # type: ignore[no-untyped-def]
-    """Return the free columns behind displaced soil, and the column that each is behind.
-
-    They are lower than the middle of the soil: the bottom of the cut.
-    """
-    cells = np.empty(soil.size * 2 * reach, dtype=np.int64)
-    anchors = np.empty(soil.size * 2 * reach, dtype=np.int64)
-    count = 0
-    for n in range(soil.size):
-        dx, dy = directions[n]
-        if dx == 0.0 and dy == 0.0:
-            continue
-        last = np.int64(-1)
-        for step in range(1, 2 * reach + 1):
-            k = _column_along(soil[n], -0.5 * step * dx, -0.5 * step * dy, frame)
-            if k < 0:
-                break
-            if occupied[k] == FREE and height[k] < soil[n].z and k != last:
-                cells[count], anchors[count] = k, soil[n].cell
-                count += 1
-                last = k
-    return cells[:count].copy(), anchors[:count].copy()
 
 
 @helper

@@ -62,14 +62,12 @@ class SweptCut:
         occupied: NDArray[np.uint8],
         *,
         resolution: float,
-        reach: float = 4.0,
     ) -> None:
         """
         Args:
             columns: terrain to cut.
             occupied: layer in which to mark the columns that a tool is in, shape (rows, cols).
             resolution: maximum size of a subcolumn [m]; never more than half the cell.
-            reach: radius of the neighbourhood that soil slides to [cells].
         """
         self._columns = columns
         self.occupied = occupied
@@ -77,7 +75,7 @@ class SweptCut:
         self._grid = SubcolumnGrid(*columns.frame, subcolumns_per_side)
         self._refined = RefinedColumns(columns.height.size, subcolumns_per_side)
         self._raster: BoxedTable = self._box_raster()
-        self._displacement = Displacement(columns, occupied, reach)
+        self._displacement = Displacement(columns, occupied)
 
     @property
     def capacity(self) -> int:
@@ -163,8 +161,7 @@ class SweptCut:
             occupied = self.occupied.reshape(-1)
             occupied[freed] = FREE
             occupied[refined] = TOOL_INSIDE
-        displaced, left = self._displacement.end_tick()
-        return displaced, np.union1d(freed, left) if left.size else freed
+        return self._displacement.end_tick(), freed
 
 
 @kernel

@@ -15,6 +15,7 @@ from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.occupancy import TOOL_INSIDE
 from soil_sim.columns.operations import add_loose, remove_loose, update_height
 from soil_sim.slope_failure.cell_queue import dequeue, enqueue, is_empty
+from soil_sim.slope_failure.neighbourhood import is_tool_between
 from soil_sim.slope_failure.noise import random_uniform
 from soil_sim.slope_failure.stability import enqueue_unstable_above, is_unstable
 
@@ -89,7 +90,8 @@ def relax_cells(slopes, budget):  # type: ignore[no-untyped-def]
     # The arrays are read from their tuples here: in the loops Numba would count references to them.
     columns, params, occupied, queue = slopes.table
     firm, loose, height = columns.firm, columns.loose, columns.height
-    offsets, distance, tolerance = params.offsets, params.distance, params.tolerance
+    offsets, between, distance = params.offsets, params.between, params.distance
+    tolerance = params.tolerance
     rows, cols, reach = params.rows, params.cols, params.reach
     index_offset, random_state = _index_offsets(params), params.random_state
     max_layer = _MAX_LAYER_THICKNESS * distance[0]
@@ -120,8 +122,8 @@ def relax_cells(slopes, budget):  # type: ignore[no-untyped-def]
             firm_height = columns.floor + firm[i] * columns.metres_per_mm3
             slope = _SlopeLimits(tangent, firm_tangent, firm_height, loose[i] > 0, include_firm)
             target, excess, firm_excess, is_firm_steep = _find_target(
-                height, occupied, offsets, index_offset, distance, (rows, cols), i, is_interior,
-                slope, forward, tolerance, params.jitter, random_state,
+                height, occupied, offsets, index_offset, between, distance, (rows, cols), i,
+                is_interior, slope, forward, tolerance, params.jitter, random_state,
             )  # fmt: skip
             visits += 1
             if is_firm_steep and not include_firm and is_unstable(columns, params, occupied, i):
@@ -139,8 +141,8 @@ def relax_cells(slopes, budget):  # type: ignore[no-untyped-def]
 
 @helper(forceinline=True)
 def _find_target(  # type: ignore[no-untyped-def]
-    height, occupied, offsets, index_offset, distance, shape, i, is_interior, slope, forward,
-    tolerance, jitter, random_state,
+    height, occupied, offsets, index_offset, between, distance, shape, i, is_interior, slope,
+    forward, tolerance, jitter, random_state,
 ):  # fmt: skip
     """Find the neighbour that a column exceeds the angle of repose against by most.
 
@@ -152,6 +154,7 @@ def _find_target(  # type: ignore[no-untyped-def]
         occupied: marks of `columns.occupancy`, flat, uint8.
         offsets, index_offset, distance: rows and columns, flat index and distance [m] of the
             neighbours.
+        between: see `RelaxationParameters`.
         shape: number of rows and of columns.
         i: flat index of the column.
         is_interior: whether all its neighbours lie on the map.
@@ -182,6 +185,8 @@ def _find_target(  # type: ignore[no-untyped-def]
         j = i + index_offset[k]
         drop = height[i] - height[j]
         if drop - min_tangent * distance[k] <= min_excess or occupied[j] != 0:
+            continue
+        if is_tool_between(occupied, between, i, k):
             continue
         # Loose soil can move as far as there is any, and firm soil if it is unstable.
         excess = min(drop - tangent * distance[k], height[i] - firm_height)

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.kernels import kernel
+from soil_sim.columns.occupancy import FREE
 from soil_sim.columns.state import Columns
 from soil_sim.slope_failure.redistribute import redistribute
-from soil_sim.slope_failure.relax_pairs import pair_directions, relax_pass
+from soil_sim.slope_failure.relax_pairs import pair_directions, relax_pass, retained_pairs
 from soil_sim.slope_failure.relaxation_parameters import RelaxationParameters
 from soil_sim.slope_failure.stability import stable_firm_height
 from soil_sim.slope_failure.window import WindowBounds
@@ -165,6 +166,7 @@ class WindowRelaxation:
             columns.top_soil[corner], columns.top_moisture[corner]
         ]
         limits = (repose_tan * self._directions.distance).astype(np.float32)
+        retained = retained_pairs(heights >= _WALL_HEIGHT, self._directions)
         has_moved = True
         done = 0
         while has_moved and done < max_passes:
@@ -172,7 +174,15 @@ class WindowRelaxation:
             fraction = _INITIAL_FRACTION + (_FINAL_FRACTION - _INITIAL_FRACTION) * ramp
             backward = self._num_passes % 2 == 1
             has_moved = bool(
-                relax_pass(heights, floor, self._directions, limits, np.float32(fraction), backward)
+                relax_pass(
+                    heights,
+                    floor,
+                    self._directions,
+                    retained,
+                    limits,
+                    np.float32(fraction),
+                    backward,
+                )
             )
             self._num_passes += 1
             done += 1
@@ -189,7 +199,7 @@ class WindowRelaxation:
         floor = np.empty_like(heights)
         _stable_floor(columns.arrays, self._params, occupied.reshape(-1), bounds, lowest, floor)
         # An occupied column is a wall: too high to receive soil, and without soil to give.
-        is_wall = occupied[window] != 0
+        is_wall = occupied[window] != FREE
         heights[is_wall] = floor[is_wall] = _WALL_HEIGHT
         return heights, floor
 

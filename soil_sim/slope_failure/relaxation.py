@@ -4,7 +4,7 @@ Every grid point within a radius r (a Gauss circle) of a column is a neighbour t
 to. The neighbour with the largest excess of height over `tan(angle) * distance` receives half of
 that excess, until no neighbour has any; the columns disturbed by this are relaxed in turn, first
 in, first out. The edge of the map is a closed wall. Columns that a tool is in take no part, and
-those in the lee of one receive no soil (`soil_sim.columns.occupancy`).
+none slides over them (`soil_sim.slope_failure.neighbourhood`): a tool retains the soil ahead of it.
 
 The angle is that of the soil of the higher column at its moisture: of the loose soil on top, and of
 the firm soil below it. Firm soil does not slide as long as its face is no higher than its cohesion

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from soil_sim.columns.state import ColumnArrays, Columns
 from soil_sim.slope_failure.cell_queue import CellQueue
-from soil_sim.slope_failure.neighbourhood import gauss_circle_offsets
+from soil_sim.slope_failure.neighbourhood import columns_between, gauss_circle_offsets
 from soil_sim.slope_failure.noise import RelaxationNoise
 from soil_sim.slope_failure.stability import StabilityLimits, stability_limits
 
@@ -25,6 +25,8 @@ class RelaxationParameters(NamedTuple):
     Attributes:
         rows, cols: size of the map [cells].
         offsets: (row, col) of the neighbours [cells], shape (n, 2), int64, nearest first.
+        between: columns between a column and each neighbour, see `columns_between`, as offsets of
+            flat indices, shape (n, m, 2), int64.
         distance: distance to each neighbour [m], shape (n,), float64.
         reach: largest offset [cells].
         tolerance: excess of height that is not relaxed [m].
@@ -40,6 +42,7 @@ class RelaxationParameters(NamedTuple):
     rows: int
     cols: int
     offsets: NDArray[np.int64]
+    between: NDArray[np.int64]
     distance: NDArray[np.float64]
     reach: int
     tolerance: float
@@ -85,6 +88,7 @@ def relaxation_parameters(
         rows=grid.rows,
         cols=grid.cols,
         offsets=offsets,
+        between=columns_between(offsets) @ np.array([grid.cols, 1]),
         distance=np.hypot(offsets[:, 0], offsets[:, 1]) * grid.cell,
         reach=int(np.abs(offsets).max()),
         tolerance=max(tolerance * grid.cell, _MIN_EXCESS_MM3 * columns.metres_per_mm3),

@@ -20,6 +20,7 @@ from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.occupancy import TOOL_INSIDE
 from soil_sim.columns.operations import add_loose
 from soil_sim.slope_failure.cell_queue import enqueue
+from soil_sim.slope_failure.neighbourhood import is_tool_between
 from soil_sim.slope_failure.noise import random_uniform
 
 __all__ = ["ColumnShares", "deposit_with_runout", "join_shares"]
@@ -93,7 +94,7 @@ def deposit_with_runout(slopes, shares, first_index, budget):  # type: ignore[no
     rows, cols, reach, count = params.rows, params.cols, params.reach, params.distance.size
     thin, thick = _MIN_LAYER * params.distance[0], _MAX_LAYER * params.distance[0]
     is_even = params.jitter == 0.0 and params.repose_tan_scale.size == 0
-    index_offset, preference = _list_neighbours(params)
+    index_offset, between, preference = _list_neighbours(params)
     limit = np.empty(2 * count)
     pending = np.arange(cells.size)
     num_pending = _keep_pending(volumes, pending, pending.size)
@@ -123,7 +124,7 @@ def deposit_with_runout(slopes, shares, first_index, budget):  # type: ignore[no
                     is_interior = reach <= row < rows - reach and reach <= col < cols - reach
                     if is_even and is_interior:
                         target, max_excess = _find_interior_target(
-                            height, occupied, index_offset, preference, limit, i, top,
+                            height, occupied, index_offset, between, preference, limit, i, top,
                             count * (steps % 2), tolerance,
                         )  # fmt: skip
                     else:
@@ -181,16 +182,18 @@ def _list_neighbours(params):  # type: ignore[no-untyped-def]
     heap would drift to one side.
 
     Returns:
-        (offset of the flat index, shape (2 n,), int64; increase of the score, shape (2 n,)).
+        (offset of the flat index, shape (2 n,), int64; columns between, see
+        `RelaxationParameters`, shape (2 n, m, 2); increase of the score, shape (2 n,)).
     """
     count = params.distance.size
     index_offset, preference = np.empty(2 * count, dtype=np.int64), np.empty(2 * count)
+    between = np.concatenate((params.between, params.between[::-1]))
     for k in range(count):
         back = 2 * count - 1 - k
         offset = params.offsets[k, 0] * params.cols + params.offsets[k, 1]
         index_offset[k] = index_offset[back] = offset
         preference[k] = preference[back] = _DISTANCE_PREFERENCE * params.distance[k]
-    return index_offset, preference
+    return index_offset, between, preference
 
 
 @helper
@@ -203,7 +206,7 @@ def _set_limits(limit, params, tangent):  # type: ignore[no-untyped-def]
 
 @helper(forceinline=True)
 def _find_interior_target(  # type: ignore[no-untyped-def]
-    height, occupied, index_offset, preference, limit, i, top, first, tolerance
+    height, occupied, index_offset, between, preference, limit, i, top, first, tolerance
 ):
     """Find the neighbour that soil up to `top` [m] on an interior column moves to.
 
@@ -212,7 +215,7 @@ def _find_interior_target(  # type: ignore[no-untyped-def]
     Args:
         height: surface of each column [m], flat.
         occupied: marks of `columns.occupancy`, flat, uint8.
-        index_offset, preference: see `_list_neighbours`.
+        index_offset, between, preference: see `_list_neighbours`.
         limit: see `_set_limits`.
         i: flat index of the column.
         top: surface of the column with the soil [m].
@@ -228,6 +231,8 @@ def _find_interior_target(  # type: ignore[no-untyped-def]
         j = i + index_offset[k]
         excess = top - height[j] - limit[k]
         if excess > tolerance and occupied[j] == 0:
+            if is_tool_between(occupied, between, i, k):
+                continue
             max_excess = max(max_excess, excess)
             score = excess + preference[k]
             if score > max_score:
@@ -260,5 +265,7 @@ def _find_target(height, params, occupied, i, top, tangent, forward):  # type: i
         j = r * params.cols + c
         excess = top - height[j] - tangent * params.distance[k]
         if excess > max_excess and occupied[j] == 0:
+            if is_tool_between(occupied, params.between, i, k):
+                continue
             max_excess, target = excess, j
     return target, max_excess

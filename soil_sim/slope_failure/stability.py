@@ -26,7 +26,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.kernels import helper, kernel
+from soil_sim.columns.occupancy import TOOL_INSIDE
 from soil_sim.slope_failure.cell_queue import enqueue
+from soil_sim.slope_failure.neighbourhood import is_tool_between
 from soil_sim.soils.soil_types import SoilTables
 
 __all__ = [
@@ -180,16 +182,33 @@ def stable_firm_height(columns, params, occupied, i):  # type: ignore[no-untyped
         r, c = row + params.offsets[k, 0], col + params.offsets[k, 1]
         if 0 <= r < params.rows and 0 <= c < params.cols:
             j = r * params.cols + c
-            if occupied[j] == 0:
-                limit = max(near[kind, moisture, k], tangent * params.distance[k])
-                height = min(height, columns.height[j] + limit)
+            limit = max(near[kind, moisture, k], tangent * params.distance[k])
+            if (
+                columns.height[j] + limit < height
+                and occupied[j] == 0
+                and not is_tool_between(occupied, params.between, i, k)
+            ):
+                height = columns.height[j] + limit
     for k in range(stability.distant_offsets.shape[0]):
         r, c = row + stability.distant_offsets[k, 0], col + stability.distant_offsets[k, 1]
         if 0 <= r < params.rows and 0 <= c < params.cols:
             j = r * params.cols + c
-            if occupied[j] == 0:
-                height = min(height, columns.height[j] + far[kind, moisture, k])
+            limit = columns.height[j] + far[kind, moisture, k]
+            if limit < height and occupied[j] == 0 and not _is_supported(occupied, params, i, k):
+                height = limit
     return height
+
+
+@helper
+def _is_supported(occupied, params, i, k):  # type: ignore[no-untyped-def]
+    """Return whether a tool supports column i against the distant column k."""
+    dr, dc = params.stability.distant_offsets[k]
+    steps = max(abs(dr), abs(dc))
+    for n in range(1, steps):
+        row, col = round(n * dr / steps), round(n * dc / steps)
+        if occupied[i + row * params.cols + col] == TOOL_INSIDE:
+            return True
+    return False
 
 
 @helper(inline="always")
