@@ -87,7 +87,7 @@ def retained_pairs(is_wall: NDArray[np.bool_], directions: PairDirections) -> Re
     starts = np.zeros(2 * len(directions.offsets) + 1, dtype=np.int64)
     if not is_wall.any():
         return RetainedPairs(np.zeros((0, 2), dtype=np.int64), starts)
-    walls = np.argwhere(is_wall)
+    walls = np.ascontiguousarray(np.argwhere(is_wall))
     found = _find_retained(is_wall, walls, directions.offsets, directions.between)
     group = found[:, 0]
     starts[1:] = np.cumsum(np.bincount(group, minlength=starts.size - 1))
