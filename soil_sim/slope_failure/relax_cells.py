@@ -17,7 +17,8 @@ from soil_sim.columns.operations import add_loose, remove_loose, update_height
 from soil_sim.slope_failure.cell_queue import dequeue, enqueue, is_empty
 from soil_sim.slope_failure.neighbourhood import is_tool_between
 from soil_sim.slope_failure.noise import random_uniform
-from soil_sim.slope_failure.stability import enqueue_unstable_above, is_unstable
+from soil_sim.slope_failure.stability import enqueue_unstable_above
+from soil_sim.slope_failure.wedge_failure import fail_wedge
 
 __all__ = ["enqueue_disturbed", "relax_cells"]
 
@@ -74,8 +75,8 @@ def relax_cells(slopes, budget):  # type: ignore[no-untyped-def]
        no neighbour than the smallest angle of repose of all soils.
     2. Find the neighbour that it exceeds the angle of repose against by most. Firm soil counts if
        it has no cohesion.
-    3. If firm soil did not count but is too steep, test the stability of the column. If it is
-       unstable, firm soil counts, too: repeat step 2 in the same order of the neighbours.
+    3. If firm soil did not count but is too steep, test the stability of its face. If it is
+       unstable, its wedge comes loose (`soil_sim.slope_failure.wedge_failure`): repeat step 2.
     4. Move soil to the neighbour, enqueue it, and continue with step 2.
     5. If there is no such neighbour, or less than 1 mm^3 to move, the column is at rest. If it gave
        soil, enqueue the columns that are now too steep or too high above it.
@@ -126,13 +127,12 @@ def relax_cells(slopes, budget):  # type: ignore[no-untyped-def]
                 is_interior, slope, forward, tolerance, params.jitter, random_state,
             )  # fmt: skip
             visits += 1
-            if is_firm_steep and not include_firm and is_unstable(columns, params, occupied, i):
-                include_firm = True
+            if is_firm_steep and has_cohesion and fail_wedge(columns, params, occupied, i, queue):
                 continue
             forward = not forward
             if target < 0 or not _move_soil(columns, i, target, excess, firm_excess, max_layer):
                 break
-            has_moved, include_firm = True, not has_cohesion
+            has_moved = True
             enqueue(queue, target)
         if has_moved:
             _enqueue_steep_above(columns, params, i, queue)

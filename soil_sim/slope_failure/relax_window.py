@@ -21,7 +21,6 @@ from soil_sim.columns.state import Columns
 from soil_sim.slope_failure.redistribute import redistribute
 from soil_sim.slope_failure.relax_pairs import pair_directions, relax_pass, retained_pairs
 from soil_sim.slope_failure.relaxation_parameters import RelaxationParameters
-from soil_sim.slope_failure.stability import stable_firm_height
 from soil_sim.slope_failure.window import WindowBounds
 
 __all__ = ["WindowRelaxation"]
@@ -197,7 +196,7 @@ class WindowRelaxation:
         lowest = float(columns.height[window].min())
         heights = (columns.height[window] - lowest).astype(np.float32)
         floor = np.empty_like(heights)
-        _stable_floor(columns.arrays, self._params, occupied.reshape(-1), bounds, lowest, floor)
+        _stable_floor(columns.arrays, self._params, bounds, lowest, floor)
         # An occupied column is a wall: too high to receive soil, and without soil to give.
         is_wall = occupied[window] != FREE
         heights[is_wall] = floor[is_wall] = _WALL_HEIGHT
@@ -227,22 +226,18 @@ def _window_min(values: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
 
 
 @kernel
-def _stable_floor(columns, params, occupied, bounds, lowest, floor):  # type: ignore[no-untyped-def]
-    """Write the height above `lowest` [m] to which the firm soil of a window is stable to `floor`.
+def _stable_floor(columns, params, bounds, lowest, floor):  # type: ignore[no-untyped-def]
+    """Write the height above `lowest` [m] of the firm soil of a window that is stable to `floor`.
 
-    All columns of the window are of one kind of soil.
+    Of soil with cohesion all, after `fail_wedges`. All columns are of one kind of soil.
     """
-    kind = columns.soil[bounds.first_row * params.cols + bounds.first_col]
     limit = params.stability.neighbour_height
-    has_cohesion = False
-    for moisture in range(limit.shape[1]):
-        has_cohesion |= limit[kind, moisture, 0] > 0.0
     for r in range(floor.shape[0]):
         for c in range(floor.shape[1]):
             i = (bounds.first_row + r) * params.cols + bounds.first_col + c
             height = columns.floor
-            if has_cohesion:
-                height = stable_firm_height(columns, params, occupied, i)
+            if limit[columns.soil[i], columns.moisture[i], 0] > 0.0:
+                height += columns.firm[i] * columns.metres_per_mm3
             floor[r, c] = height - lowest
 
 

@@ -8,8 +8,8 @@ none slides over them (`soil_sim.slope_failure.neighbourhood`): a tool retains t
 
 The angle is that of the soil of the higher column at its moisture: of the loose soil on top, and of
 the firm soil below it. Firm soil does not slide as long as its face is no higher than its cohesion
-supports (`soil_sim.slope_failure.stability`); beyond that it fails, becomes loose, and comes to
-rest at its angle of repose.
+supports (`soil_sim.slope_failure.stability`); beyond that a wedge of it fails, becomes loose
+(`soil_sim.slope_failure.wedge_failure`), and comes to rest at its angle of repose.
 
 A tall heap that collapses at one point slides in layers thinner than the width of a column: with
 half of its height at once it would run out flat.
@@ -34,6 +34,7 @@ from soil_sim.slope_failure.relax_window import WindowRelaxation
 from soil_sim.slope_failure.relaxation_parameters import SlopeArrays, relaxation_parameters
 from soil_sim.slope_failure.runout import ColumnShares, deposit_with_runout
 from soil_sim.slope_failure.slope_excess import max_slope_excess
+from soil_sim.slope_failure.wedge_failure import fail_wedges
 
 __all__ = ["SlopeRelaxation"]
 
@@ -215,6 +216,7 @@ class SlopeRelaxation:
         if window.is_running:
             passes = max(1, min(budget // cost_per_pass, _MAX_PASSES_PER_CALL))
         clear(self._queue)
+        fail_wedges(self._boxed_slopes, bounds)
         if window.relax(bounds, pending, self.occupied, passes):
             # The remaining excess is small, and is relaxed column by column.
             self._enqueue(window.pop_touched(), include_neighbours=False, is_lowered=True)

@@ -9,12 +9,14 @@ finite slopes that fail along a plane through the toe). For a vertical face this
 `SoilType.critical_height`; it is infinite where the face is no steeper than phi, the angle of
 internal friction. Of two points at a horizontal distance, the upper one may therefore be higher by
 the critical height of a straight face between them, which increases with the distance. Firm soil
-that is higher than this above any column around it fails, if it is steep there.
+that is higher than this above any column around it fails, if it is steeper than its angle of repose
+there: see `soil_sim.slope_failure.wedge_failure`.
 
-Columns beyond the neighbourhood that soil slides in are checked in eight directions, at distances
+Columns beyond the neighbourhood that soil slides in are checked in 16 directions, at distances
 that increase geometrically, up to the distance at which a face of `_MIN_FACE_ANGLE` is stable. A
-grid does not resolve where between two columns a face begins and ends: a face counts as shorter
-than the distance between the columns by one cell, so that a face of a single step is vertical.
+grid does not resolve where between two columns a face begins and ends: a face of a single step is
+vertical, and that of a long slope is shorter than the distance of its columns by half a cell in the
+mean (`face_length`).
 """
 
 from __future__ import annotations
@@ -35,21 +37,24 @@ __all__ = [
     "StabilityLimits",
     "critical_height",
     "enqueue_unstable_above",
-    "is_unstable",
+    "face_length",
+    "find_toe",
     "stability_limits",
-    "stable_firm_height",
     "unstable_columns",
 ]
 
 Array = NDArray[np.float64]
 
-_DISTANCE_RATIO = 1.15
+_DISTANCE_RATIO = 1.08
 """Ratio of successive distances at which distant columns are checked; at least one cell apart."""
 
-_MIN_FACE_ANGLE = math.radians(50.0)
+_MIN_FACE_ANGLE = math.radians(38.0)
 """Minimum slope of a face that is checked beyond the neighbourhood that soil slides in [rad]."""
 
-_DIRECTIONS = ((1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1))
+_DIRECTIONS = tuple(
+    (math.cos(angle), math.sin(angle)) for angle in np.linspace(0.0, 2.0 * math.pi, 17)[:-1]
+)
+"""Directions (row, col) in which distant columns are checked."""
 
 _BISECTION_STEPS = 50
 """Bisection steps for the slope of a face: down to the last bit."""
@@ -64,11 +69,13 @@ class StabilityLimits(NamedTuple):
         distant_offsets: (row, col) of the columns beyond the neighbourhood [cells], shape (m, 2),
             int64; empty if no soil has cohesion.
         distant_height: limit over each of those [m], shape (kinds, MOISTURE_LEVELS, m), float64.
+        friction: angle of internal friction of each kind [rad], shape (kinds,), float64.
     """
 
     neighbour_height: NDArray[np.float64]
     distant_offsets: NDArray[np.int64]
     distant_height: NDArray[np.float64]
+    friction: NDArray[np.float64]
 
 
 def stability_limits(
@@ -92,21 +99,21 @@ def stability_limits(
     face_height = critical_height(
         vertical_height, math.inf, tables.internal_friction[:, None], _MIN_FACE_ANGLE
     )
-    max_distance = min(face_height.max() / math.tan(_MIN_FACE_ANGLE) / cell, max(shape))
+    max_height = min(float(face_height.max()), span)
+    max_distance = min(max_height / math.tan(_MIN_FACE_ANGLE) / cell, max(shape))
     distances, distance = [], float(np.hypot(*neighbours.T).max())
     while distance < max_distance:
         distance = max(distance * _DISTANCE_RATIO, distance + 1.0)
         distances.append(distance)
     points = {
-        (round(a * distance / math.hypot(a, b)), round(b * distance / math.hypot(a, b)))
-        for distance in distances
-        for a, b in _DIRECTIONS
+        (round(a * distance), round(b * distance)) for distance in distances for a, b in _DIRECTIONS
     }
     offsets = np.array(sorted(points), dtype=np.int64).reshape(-1, 2)
     return StabilityLimits(
         _critical_heights(tables, np.hypot(*neighbours.T), cell),
         offsets,
         _critical_heights(tables, np.hypot(*offsets.T), cell),
+        np.asarray(tables.internal_friction, dtype=np.float64),
     )
 
 
@@ -159,44 +166,58 @@ def _critical_heights(tables: SoilTables, distance: Array, cell: float) -> Array
         Shape (kinds, MOISTURE_LEVELS, distances).
     """
     distances, index = np.unique(distance, return_inverse=True)
-    horizontal_distance = np.maximum(distances - 1.0, 0.0) * cell
+    horizontal_distance = np.array([face_length(each) for each in distances]) * cell
     friction = tables.internal_friction[:, None, None]
     heights = critical_height(tables.critical_height[..., None], horizontal_distance, friction)
     return np.ascontiguousarray(heights[..., index])
 
 
+@kernel
+def face_length(distance):  # type: ignore[no-untyped-def]
+    """Return the horizontal length of a face between two columns [cells], at least 0.
+
+    Args:
+        distance: distance of the columns [cells].
+    """
+    return max(distance - 0.5 - 0.5 / max(distance, 1.0), 0.0)
+
+
 @helper
-def stable_firm_height(columns, params, occupied, i):  # type: ignore[no-untyped-def]
-    """Return the height [m] to which the firm soil of column i is stable above all around it."""
+def find_toe(columns, params, occupied, i):  # type: ignore[no-untyped-def]
+    """Return the toe of the face below column i, and the height to which its firm soil is stable.
+
+    The toe is the column above which column i may be lowest. Its flat index is -1, and the height
+    infinite, if the soil has no cohesion.
+    """
     kind, moisture = columns.soil[i], columns.moisture[i]
     stability = params.stability
     near, far = stability.neighbour_height, stability.distant_height
-    if near[kind, moisture, 0] <= 0.0:  # no cohesion
-        return columns.floor
+    toe, height = np.int64(-1), math.inf
+    if near[kind, moisture, 0] <= 0.0:
+        return toe, height
     tangent = params.repose_tan[kind, moisture]
     if params.repose_tan_scale.size:
         tangent *= params.repose_tan_scale[i]
     row, col = i // params.cols, i % params.cols
-    height = columns.floor + columns.firm[i] * columns.metres_per_mm3
     for k in range(params.offsets.shape[0]):
         r, c = row + params.offsets[k, 0], col + params.offsets[k, 1]
         if 0 <= r < params.rows and 0 <= c < params.cols:
             j = r * params.cols + c
-            limit = max(near[kind, moisture, k], tangent * params.distance[k])
+            limit = columns.height[j] + max(near[kind, moisture, k], tangent * params.distance[k])
             if (
-                columns.height[j] + limit < height
+                limit < height
                 and occupied[j] == 0
                 and not is_tool_between(occupied, params.between, i, k)
             ):
-                height = columns.height[j] + limit
+                toe, height = j, limit
     for k in range(stability.distant_offsets.shape[0]):
         r, c = row + stability.distant_offsets[k, 0], col + stability.distant_offsets[k, 1]
         if 0 <= r < params.rows and 0 <= c < params.cols:
             j = r * params.cols + c
             limit = columns.height[j] + far[kind, moisture, k]
             if limit < height and occupied[j] == 0 and not _is_supported(occupied, params, i, k):
-                height = limit
-    return height
+                toe, height = j, limit
+    return toe, height
 
 
 @helper
@@ -211,19 +232,17 @@ def _is_supported(occupied, params, i, k):  # type: ignore[no-untyped-def]
     return False
 
 
-@helper(inline="always")
-def is_unstable(columns, params, occupied, i):  # type: ignore[no-untyped-def]
-    """Return whether some of the firm soil of column i is unstable."""
-    firm_height = columns.floor + columns.firm[i] * columns.metres_per_mm3
-    return firm_height - stable_firm_height(columns, params, occupied, i) > params.tolerance
-
-
 @kernel
 def unstable_columns(columns, params, occupied):  # type: ignore[no-untyped-def]
-    """Return whether each column of the map has unstable firm soil, flat, bool."""
+    """Return whether each column of the map has unstable firm soil, flat, bool.
+
+    Soil without cohesion always is: it stands at its angle of repose only.
+    """
     unstable = np.empty(occupied.size, dtype=np.bool_)
     for i in range(occupied.size):
-        unstable[i] = is_unstable(columns, params, occupied, i)
+        toe, stable_height = find_toe(columns, params, occupied, i)
+        firm_height = columns.floor + columns.firm[i] * columns.metres_per_mm3
+        unstable[i] = toe < 0 or firm_height - stable_height > params.tolerance
     return unstable
 
 

@@ -145,9 +145,11 @@ def test_state_hash_is_equal_for_equal_runs_only() -> None:
 def test_machine_continues_with_other_parameters(machine: MachineSim) -> None:
     add_particles(machine, 3)
     excavated = empty_rows(CONVERSION, 1)
-    excavated["kind"], excavated["volume_mm3"] = ConversionKind.EXCAVATE, 123_456
+    excavated["kind"], excavated["volume_mm3"] = ConversionKind.EXCAVATE, 1000
+    machine.credit_excavated_soil(excavated, 0)  # less than a particle
     machine.command(np.array([0.4, 0.0, 0.0, 0.0]), np.ones(2))
     step_until_deposit_request(machine)
+    excavated["volume_mm3"] = 123_456
     machine.credit_excavated_soil(excavated, 0)
     spec = excavator()
     links = {**spec.links, "upper": replace(spec.links["upper"], mass=15_000.0)}
@@ -155,7 +157,7 @@ def test_machine_continues_with_other_parameters(machine: MachineSim) -> None:
     heavier = machine_on_level_ground(replace(spec, links=links), particle_params=params)
     heavier.continue_from(machine)
     assert heavier.tick == machine.tick
-    assert heavier.pending_mm3 == 123_456
+    assert heavier.pending_mm3 == 124_456
     for name in ("ids", "positions", "volumes_mm3", "frozen_ids"):
         assert np.array_equal(getattr(heavier.particles, name), getattr(machine.particles, name))
     now, before = heavier.machine, machine.machine
