@@ -194,8 +194,12 @@ class RunReplay:
         for machine_id, before in self.machines.items():
             session = self._first_sessions[machine_id]
             changed = self._make_machines(session)
+            try:
+                changed.continue_from(before)
+            except EarthmovingError:
+                changed.close()
+                raise
             self.machines[machine_id] = changed
-            changed.continue_from(before)
 
     def close(self) -> None:
         """Release the physics engines and the restored files."""

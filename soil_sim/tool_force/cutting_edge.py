@@ -24,8 +24,7 @@ ahead of it, so uneven ground, mixed soils and an edge partly in the air need no
   angle, which is zero for vertical motion.
 - **Ends.** At both ends of the edge soil fails in crescents, as far as there is soil beside them.
 - **Surcharge** is the weight of the soil above the top of the tool, up to the height of the tool.
-  Soil *in* the tool is not a surcharge,
-  because its particles press on the tool themselves.
+  Soil *in* the tool is not a surcharge, because its particles press on the tool themselves.
 - **Soil** has the kind and moisture of the column ahead. Cohesion counts for the firm part of the
   depth, up to the height of the tool; the unit weight is the mean of firm and loose soil there.
   Soil that the tool pushes ahead heaps up on the column: first the depth increases with it, then
@@ -176,11 +175,8 @@ def add_edge_force(points, origin, columns, grid_layout, strength, sums):  # typ
         num_ends = ends[0] if strip == 0 else ends[1] if strip == NUM_STRIPS - 1 else 0.0
         cutting, normal = blade_strip_force(
             i, below, min(cover, travel.height), depth, width, (num_ends, ends_per_width),
-            travel.rake - turn, slope, columns, strength,
+            travel.rake, turn, slope, columns, strength,
         )  # fmt: skip
-        # From the frame of the wedge to that of the travel.
-        cos, sin = math.cos(turn), math.sin(turn)
-        cutting, normal = cutting * cos - normal * sin, cutting * sin + normal * cos
         x, y, z = subtract(at, origin)
         add_force(sums, (x, y, z + depth / 3.0), subtract(scale(normal, n), scale(cutting, t)))
 
@@ -230,9 +226,9 @@ def _end_fraction(end, outward, travel, columns, grid_layout):  # type: ignore[n
 
 @helper
 def blade_strip_force(  # type: ignore[no-untyped-def]
-    i, below, above, depth, width, ends, rake, slope, columns, strength
+    i, below, above, depth, width, ends, rake, turn, slope, columns, strength
 ):
-    """Return the forces on a strip of a blade: (horizontal, against it; vertical, up) [N].
+    """Return the forces on a strip of a blade: (against the travel, perpendicular to it) [N].
 
     Args:
         i: flat index of the column ahead of the strip.
@@ -242,7 +238,8 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
         width: width of the strip [m].
         ends: number of ends of the blade in the strip beside which soil fails, and that of the
             whole blade over its width [1/m].
-        rake: rake of the strip [rad].
+        rake: rake of the strip to the travel [rad].
+        turn: angle by which the travel climbs along the slope [rad].
         slope: slope of the surface ahead [rad].
         columns: `ForceColumns` of the terrain.
         strength: `strength_table` of its kinds of soil.
@@ -271,7 +268,12 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
         cohesion = firm_fraction * strength[kind].cohesion[columns.moisture[i]]
         adhesion = strength[kind].adhesion[columns.moisture[i]]
     horizontal, vertical = wedge_force(
-        width, ends[0], ends[1], depth, rake, slope, surcharge, gamma, strength[kind].phi,
+        width, ends[0], ends[1], depth, rake - turn, slope, surcharge, gamma, strength[kind].phi,
         strength[kind].delta, cohesion, adhesion,
     )  # fmt: skip
-    return cutting + horizontal, normal + vertical
+    # From the frame of the wedge to that of the travel.
+    cos, sin = math.cos(turn), math.sin(turn)
+    return (
+        cutting + horizontal * cos - vertical * sin,
+        normal + horizontal * sin + vertical * cos,
+    )

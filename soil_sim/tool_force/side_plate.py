@@ -68,7 +68,7 @@ def add_side_plate_force(points, origin, columns, grid_layout, strength, sums): 
             continue
         cutting, _ = blade_strip_force(
             i, depth, min(cover, top - bottom), depth, width * abs(lateral_fraction), (0.0, 0.0),
-            0.5 * math.pi, slope, columns, strength,
+            0.5 * math.pi, 0.0, slope, columns, strength,
         )  # fmt: skip
         at = x - origin[0], y - origin[1], bottom + depth / 3.0 - origin[2]
         add_force(sums, at, scale(-cutting, t))

@@ -163,6 +163,18 @@ def test_blade_turned_with_a_slope_has_the_force_of_the_turned_wedge(name, slope
     assert found == pytest.approx(np.broadcast_to(blade, found.shape), rel=0.01, abs=50.0)
 
 
+def test_picks_in_sloping_rock_resist_against_the_travel() -> None:
+    level, up = (
+        np.array(drag_up_slope(0.2, slope, 0.0, name="rock", turned=True)).mean(axis=0)
+        for slope in (0.0, 20.0)
+    )
+    turn = math.radians(20.0)
+    along = up[0] * math.cos(turn) + up[2] * math.sin(turn)
+    # The vertical depth is the same, and that perpendicular to the travel is less.
+    assert along == pytest.approx(level[0], rel=0.15)
+    assert up[2] * math.cos(turn) - up[0] * math.sin(turn) == pytest.approx(level[2], rel=0.15)
+
+
 @pytest.mark.parametrize(
     ("name", "ratios"), [("dry sand", (1.13, 1.24, 1.36)), ("loam", (1.16, 1.32, 1.46))]
 )
