@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -104,6 +105,8 @@ def test_interrupted_or_killed_demo_leaves_no_node(number, tmp_path):
             text=True,
             cwd=tmp_path,
             env={**os.environ, "ROS_DOMAIN_ID": str(domain)},
+            # A test run in the background of a shell ignores SIGINT, and children inherit that.
+            preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
         )
         assert demo.stdout is not None
         assert any(line.startswith("cycle") for line in demo.stdout), "there was no tick"
