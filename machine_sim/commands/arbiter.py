@@ -8,6 +8,7 @@
   the machine, and the joystick must have been released first.
 - A rejected command changes nothing.
 - When the clock goes back (the simulation was reset), commands with a later arrival are dropped.
+- A command may take effect later than it arrives; until then a stop clears it like those in force.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.commands.actuators import list_actuators
 from machine_sim.commands.errors import CommandError
-from machine_sim.commands.joystick import Joystick
+from machine_sim.commands.joystick import Joystick, JoystickState
 from machine_sim.commands.params import CommandParams
 from machine_sim.commands.parser import CommandParser, Setpoint, Setpoints
 from machine_sim.commands.position_control import velocity_to_target
@@ -64,16 +65,32 @@ class _ActiveCommand:
     arrival: float
 
 
+class _DelayedCommand(NamedTuple):
+    """Setpoints that take effect at a time [s], and their source."""
+
+    effect_time: float
+    setpoints: Setpoints
+    source: CommandSource
+
+
 class ArbiterState(NamedTuple):
     """What an arbiter has received.
 
     Attributes:
         is_stopped: whether the emergency stop is active.
         active: the newest command of each actuator, by its index.
+        delayed: commands that take effect later, in the order of their arrival.
+        joystick: levers and pedals.
     """
 
     is_stopped: bool
     active: Mapping[int, _ActiveCommand]
+    delayed: tuple[_DelayedCommand, ...]
+    joystick: JoystickState
+
+    def without_timed(self) -> ArbiterState:
+        """Return the state without the commands, whose times are by the clock of one process."""
+        return self._replace(active={}, delayed=())
 
 
 class CommandArbiter:
@@ -98,6 +115,7 @@ class CommandArbiter:
         self._parser = CommandParser(self._actuators, spec.tracks.gauge, self.params)
         self._joystick = Joystick(self._actuators, self.params, spec.joystick_axes)
         self._active: dict[int, _ActiveCommand] = {}  # is replaced, not changed: see `state`
+        self._delayed: tuple[_DelayedCommand, ...] = ()
         self._tick_time = -np.inf
         self._is_stopped = False
 
@@ -108,13 +126,14 @@ class CommandArbiter:
 
     @property
     def state(self) -> ArbiterState:
-        """What it has received, without that of the joystick."""
-        return ArbiterState(self._is_stopped, self._active)
+        """What it has received."""
+        return ArbiterState(self._is_stopped, self._active, self._delayed, self._joystick.state)
 
     def restore(self, state: ArbiterState) -> None:
         """Set what it has received, by the same clock."""
-        self.emergency_stop(state.is_stopped)
-        self._active = dict(state.active)
+        self._is_stopped = state.is_stopped
+        self._active, self._delayed = dict(state.active), state.delayed
+        self._joystick.restore(state.joystick)
 
     def receive_front(self, values: ArrayLike, now: float) -> None:
         """Receive velocities of all joints in their order [rad/s], shape (joints,)."""
@@ -133,6 +152,7 @@ class CommandArbiter:
         *,
         stamp: float | None = None,
         sim_now: float | None = None,
+        effect_time: float | None = None,
     ) -> None:
         """Receive velocities or angles of some joints and tracks.
 
@@ -144,9 +164,11 @@ class CommandArbiter:
             now: time of arrival [s].
             stamp: stamp of the message [s], None if it has none.
             sim_now: present simulation time [s].
+            effect_time: start of the tick in which it takes effect [s], if later than `now`.
         """
         arrival = self._check_arrival(now, stamp, sim_now)
-        self._accept(self._parser.parse_joints(names, velocity, position), "joints", arrival)
+        setpoints = self._parser.parse_joints(names, velocity, position)
+        self._accept(setpoints, "joints", arrival, effect_time)
 
     def receive_twist(
         self,
@@ -156,10 +178,11 @@ class CommandArbiter:
         *,
         stamp: float | None = None,
         sim_now: float | None = None,
+        effect_time: float | None = None,
     ) -> None:
         """Receive forward [m/s] and yaw velocity [rad/s, + to the left] of the machine."""
         arrival = self._check_arrival(now, stamp, sim_now)
-        self._accept(self._parser.parse_twist(linear, angular), "twist", arrival)
+        self._accept(self._parser.parse_twist(linear, angular), "twist", arrival, effect_time)
 
     def receive_joy(
         self,
@@ -182,12 +205,12 @@ class CommandArbiter:
             raise CommandError(f"the emergency stop is {format_value(active)}; give true or false")
         self._is_stopped = bool(active)
         if self._is_stopped:
-            self._active = {}
+            self._active, self._delayed = {}, ()
             self._joystick.stop()
 
     def reset(self) -> None:
-        """Drop every command in force, as after a reset; an emergency stop stays active."""
-        self._active = {}
+        """Drop all commands, as after a reset; an emergency stop stays active."""
+        self._active, self._delayed = {}, ()
         self._joystick.reset()
 
     def command_at(self, now: float, joint_positions: ArrayLike) -> AppliedCommand:
@@ -206,6 +229,7 @@ class CommandArbiter:
         )
         if len(angles) != self._num_joints:
             raise CommandError(f"joint_positions has {len(angles)} values; give {self._num_joints}")
+        self._put_due_in_force(time)
         self._drop_expired(time)
         values: list[float] = [0.0] * len(self._actuators)
         sources: list[CommandSource] = ["emergency_stop" if self._is_stopped else "none"] * len(
@@ -229,11 +253,31 @@ class CommandArbiter:
         self._parser.check_stamp(stamp, arrival if sim_now is None else validate_time(sim_now))
         return arrival
 
-    def _accept(self, setpoints: Setpoints, source: CommandSource, arrival: float) -> None:
-        """Put setpoints in force, unless the emergency stop is active."""
-        if not self._is_stopped:
-            commands = {i: _ActiveCommand(each, source, arrival) for i, each in setpoints.items()}
-            self._active = {**self._active, **commands}
+    def _accept(
+        self,
+        setpoints: Setpoints,
+        source: CommandSource,
+        arrival: float,
+        effect_time: float | None = None,
+    ) -> None:
+        """Put setpoints in force now or later, unless the emergency stop is active."""
+        if self._is_stopped:
+            return
+        if effect_time is not None and effect_time > arrival + _TIME_TOLERANCE:
+            self._delayed = (*self._delayed, _DelayedCommand(effect_time, setpoints, source))
+            return
+        commands = {i: _ActiveCommand(each, source, arrival) for i, each in setpoints.items()}
+        self._active = {**self._active, **commands}
+
+    def _put_due_in_force(self, time: float) -> None:
+        """Put the delayed commands that are due in force, in the order of their times."""
+        if not self._delayed:
+            return
+        latest = time + _TIME_TOLERANCE
+        due = [each for each in self._delayed if each.effect_time <= latest]
+        self._delayed = tuple(each for each in self._delayed if each.effect_time > latest)
+        for each in sorted(due, key=lambda each: each.effect_time):
+            self._accept(each.setpoints, each.source, time)
 
     def _drop_expired(self, time: float) -> None:
         """Drop commands that timed out, and those of a run that was reset."""

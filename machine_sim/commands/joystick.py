@@ -21,14 +21,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from machine_sim.commands.actuators import Actuator
 from machine_sim.commands.errors import CommandError
 from machine_sim.commands.params import CommandParams
 from machine_sim.commands.validation import validate_numbers
 
-__all__ = ["LEVER_PATTERNS", "Joystick", "JoystickReading"]
+__all__ = ["LEVER_PATTERNS", "Joystick", "JoystickReading", "JoystickState"]
 
 LEVER_PATTERNS = {
     "iso": {
@@ -62,6 +62,21 @@ class JoystickReading:
     pedals_at_rest: tuple[bool, bool]
 
 
+class JoystickState(NamedTuple):
+    """What follows from the messages so far.
+
+    Attributes:
+        levers_active, pedals_active: whether they command the machine.
+        must_return_to_rest: whether no command counts until all are released.
+        pedal_seen_at_rest: whether the left and the right pedal were released once.
+    """
+
+    levers_active: bool
+    pedals_active: bool
+    must_return_to_rest: bool
+    pedal_seen_at_rest: tuple[bool, bool]
+
+
 class Joystick:
     """Reads joystick messages and selects those that are commands."""
 
@@ -82,10 +97,23 @@ class Joystick:
         self._params = params
         self._axes = params.joy_axes
         self._axis_of_joint = dict(levers) or LEVER_PATTERNS[params.joy_pattern]
-        self._levers_active = self._pedals_active = False
-        self._must_return_to_rest = False  # after an emergency stop, until all are released
         # joy_node reports 0, which is half pressed, for a trigger that was never touched.
-        self._pedal_seen_at_rest = [params.joy_pedal_rest == 0.0] * 2
+        is_at_rest = params.joy_pedal_rest == 0.0
+        self.restore(JoystickState(False, False, False, (is_at_rest, is_at_rest)))
+
+    @property
+    def state(self) -> JoystickState:
+        """What follows from the messages so far."""
+        left, right = self._pedal_seen_at_rest
+        return JoystickState(
+            self._levers_active, self._pedals_active, self._must_return_to_rest, (left, right)
+        )
+
+    def restore(self, state: JoystickState) -> None:
+        """Continue after the messages of a state."""
+        self._levers_active, self._pedals_active = state.levers_active, state.pedals_active
+        self._must_return_to_rest = state.must_return_to_rest
+        self._pedal_seen_at_rest = list(state.pedal_seen_at_rest)
 
     def read(self, axes: Any, buttons: Any) -> JoystickReading:
         """Return the velocities of a message without changing any state.

@@ -47,7 +47,6 @@ class CommandScheduler:
         self._wait_period = instance.params.command_wait_period
         self._delay_ticks = 0 if facts.realtime else instance.params.command_delay
         self._last_answered_tick = -1  # newest tick that a stamped command answers
-        self._delayed: list[tuple[int, Callable[[], bool]]] = []  # tick of effect, delivery
 
     @property
     def sim_time(self) -> float:
@@ -62,22 +61,21 @@ class CommandScheduler:
         """
         return self._clock.now(wall) if self._facts.realtime else self.sim_time
 
-    def receive(self, stamp: float, deliver: Callable[[], bool]) -> None:
-        """Deliver a stamped command now, or `command_delay` ticks after its stamp.
+    def receive(self, stamp: float, deliver: Callable[[float | None], bool]) -> None:
+        """Deliver a stamped command, to take effect now or `command_delay` ticks after its stamp.
 
         A stamp far ahead comes from another clock or an earlier run; it answers no state.
 
         Args:
             stamp: simulation time of the state that the command answers [s].
-            deliver: passes the command to the arbiter, and returns whether it was valid.
+            deliver: passes the command to the arbiter with the simulation time at which it takes
+                effect [s], None: now; and returns whether it was valid.
         """
         tick, now = round(stamp / self._facts.tick_period), self._endpoint.tick
         is_answer = tick <= max(now, 0) + max(self._wait_period, _MAX_TICKS_AHEAD)
-        if is_answer and self._delay_ticks and tick + self._delay_ticks > now:
-            self._delayed.append((tick + self._delay_ticks, deliver))
-        elif not deliver():
-            return
-        if is_answer:
+        is_delayed = is_answer and self._delay_ticks > 0
+        effect_time = (tick + self._delay_ticks) * self._facts.tick_period if is_delayed else None
+        if deliver(effect_time) and is_answer:
             self._last_answered_tick = max(self._last_answered_tick, tick)
 
     @property
@@ -97,16 +95,7 @@ class CommandScheduler:
         Args:
             wall: monotonic wall clock [s].
         """
-        self._deliver_due()
         self._clock.tick(wall, self.sim_time)
         applied = self.arbiter.command_at(self.command_time(wall), self._machine.joint_positions)
         self._machine.command(applied.joints, applied.tracks)
         return applied
-
-    def _deliver_due(self) -> None:
-        """Deliver the delayed commands that are due, in the order of their stamps."""
-        now = self._endpoint.tick
-        due = [each for each in self._delayed if each[0] <= now]
-        self._delayed = [each for each in self._delayed if each[0] > now]
-        for _, deliver in sorted(due, key=lambda each: each[0]):
-            deliver()

@@ -27,10 +27,25 @@ class CommandReceiver(Protocol):
     def receive_front(self, values: Any, now: float) -> None: ...
     def receive_tracks(self, values: Any, now: float) -> None: ...
     def receive_joints(
-        self, names: Any, velocity: Any, position: Any, now: float, *, stamp: Any, sim_now: Any
+        self,
+        names: Any,
+        velocity: Any,
+        position: Any,
+        now: float,
+        *,
+        stamp: Any,
+        sim_now: Any,
+        effect_time: float | None,
     ) -> None: ...
     def receive_twist(
-        self, linear: float, angular: float, now: float, *, stamp: Any, sim_now: Any
+        self,
+        linear: float,
+        angular: float,
+        now: float,
+        *,
+        stamp: Any,
+        sim_now: Any,
+        effect_time: float | None,
     ) -> None: ...
     def receive_joy(
         self, axes: Any, buttons: Any, now: float, *, stamp: Any, sim_now: Any
@@ -43,7 +58,7 @@ class CommandClock(Protocol):
     @property
     def sim_time(self) -> float: ...
     def command_time(self, wall: float) -> float: ...
-    def receive(self, stamp: float, deliver: Callable[[], bool]) -> None: ...
+    def receive(self, stamp: float, deliver: Callable[[float | None], bool]) -> None: ...
 
 
 class CommandSubscriptions:
@@ -56,6 +71,8 @@ class CommandSubscriptions:
         clock: Callable[[], CommandClock | None],
         reject: Callable[[str, str], None],
         topic_prefix: str = "",
+        *,
+        record: Callable[[], None] = lambda: None,
     ) -> None:
         """
         Args:
@@ -64,11 +81,12 @@ class CommandSubscriptions:
             clock: returns the clock; None while there is no run, when commands are rejected.
             reject: called with topic and reason of a rejected command.
             topic_prefix: prefix of each topic: empty, or a machine's name and a slash.
+            record: called after a command that takes effect later was received.
         """
         self._receiver, self._clock = receiver, clock
-        self._reject = reject
+        self._reject, self._record = reject, record
 
-        def subscribe(kind: Any, name: str, take: Callable[[Any, CommandClock], None]) -> None:
+        def subscribe(kind: Any, name: str, take: Callable[..., None]) -> None:
             topic = topic_prefix + name
             poller.subscribe(kind, topic, qos.COMMANDS, partial(self._on_message, topic, take))
 
@@ -78,22 +96,36 @@ class CommandSubscriptions:
         subscribe(TwistStamped, topics.CMD_VEL, self._twist)
         subscribe(Joy, topics.JOY, self._joy)
 
-    def _on_message(self, topic: str, take: Callable[[Any, CommandClock], None], msg: Any) -> None:
+    def _on_message(self, topic: str, take: Callable[..., None], msg: Any) -> None:
         """Schedule a stamped command, and deliver any other one at once."""
         clock = self._clock()
         if clock is None:
             self._reject(topic, "the machine is in no run yet; command it once it has joined")
             return
-        deliver = partial(self._deliver, topic, take, msg, clock)
         if isinstance(msg, (JointState, TwistStamped)):
+            deliver = partial(self._deliver_stamped, topic, take, msg, clock)
             clock.receive(seconds_from_stamp(msg.header.stamp), deliver)
         else:
-            deliver()
+            self._deliver(topic, partial(take, msg, clock))
 
-    def _deliver(self, topic: str, take: Callable[[Any, Any], None], msg: Any, clock: Any) -> bool:
+    def _deliver_stamped(
+        self,
+        topic: str,
+        take: Callable[..., None],
+        msg: Any,
+        clock: CommandClock,
+        effect_time: float | None,
+    ) -> bool:
+        """Deliver a command that takes effect at a simulation time [s], None: now."""
+        is_valid = self._deliver(topic, partial(take, msg, clock, effect_time))
+        if is_valid and effect_time is not None:
+            self._record()
+        return is_valid
+
+    def _deliver(self, topic: str, take: Callable[[], None]) -> bool:
         """Pass a command to the receiver, and return whether it was valid."""
         try:
-            take(msg, clock)
+            take()
         except EarthmovingError as error:
             self._reject(topic, str(error))
             return False
@@ -105,15 +137,20 @@ class CommandSubscriptions:
     def _tracks(self, msg: Float64MultiArray, clock: CommandClock) -> None:
         self._receiver.receive_tracks(msg.data, _now(clock))
 
-    def _joints(self, msg: JointState, clock: CommandClock) -> None:
+    def _joints(self, msg: JointState, clock: CommandClock, effect_time: float | None) -> None:
         self._receiver.receive_joints(
-            msg.name, msg.velocity, msg.position, _now(clock), **_stamp_arguments(msg, clock)
+            msg.name,
+            msg.velocity,
+            msg.position,
+            _now(clock),
+            **_stamp_arguments(msg, clock),
+            effect_time=effect_time,
         )
 
-    def _twist(self, msg: TwistStamped, clock: CommandClock) -> None:
-        twist = msg.twist
+    def _twist(self, msg: TwistStamped, clock: CommandClock, effect_time: float | None) -> None:
+        twist, stamp = msg.twist, _stamp_arguments(msg, clock)
         self._receiver.receive_twist(
-            twist.linear.x, twist.angular.z, _now(clock), **_stamp_arguments(msg, clock)
+            twist.linear.x, twist.angular.z, _now(clock), **stamp, effect_time=effect_time
         )
 
     def _joy(self, msg: Joy, clock: CommandClock) -> None:

@@ -152,10 +152,10 @@ class MachineNode(SimNode):
         self._config_topic = resolve(topics.SIM_CONFIG, simulation)
         self._poller.subscribe(String, self._config_topic, qos.TRANSIENT_LOCAL, self._on_config)
         self._soil_contact = SoilContact()
-        take_paused = self._soil_contact.take_paused
-        paused_topic = resolve(topics.SIM_PAUSED, simulation)
-        self._poller.subscribe(Bool, paused_topic, qos.TRANSIENT_LOCAL, take_paused)
+        paused = resolve(topics.SIM_PAUSED, simulation)
+        self._poller.subscribe(Bool, paused, qos.TRANSIENT_LOCAL, self._soil_contact.take_paused)
         self._command_poller = SubscriptionPoller(self, self._advance)
+        record = self._record_commands
         for k, instance in enumerate(self.instances):
             CommandSubscriptions(
                 self._command_poller,
@@ -163,11 +163,11 @@ class MachineNode(SimNode):
                 partial(self._command_scheduler, k),
                 reject,
                 instance.topic_prefix,
+                record=record,
             )
         # After the commands, so that the executor runs its callbacks after theirs: of what arrives
         # together, a command is dropped by a stop, and is older than its release.
-        stops = self._record_stops
-        self._emergency_stops = EmergencyStops(self, self.diagnostics, self.instances, stops)
+        self._emergency_stops = EmergencyStops(self, self.diagnostics, self.instances, record)
         self.create_timer(_PROGRESS_CHECK_PERIOD, self._check_progress)
         WaitLog(self, self.diagnostics, self._find_waits)
         EndpointMonitor(self, self.diagnostics)
@@ -203,7 +203,7 @@ class MachineNode(SimNode):
         """Return the command scheduler of machine `k`; None while there is no run."""
         return None if self.run is None else self.run.schedulers[k]
 
-    def _record_stops(self) -> None:
+    def _record_commands(self) -> None:
         if self.run is not None:
             self.run.record_arbiters()
 
@@ -295,15 +295,15 @@ class MachineNode(SimNode):
                 stamp = self._stamp(run, each.tick)
                 self._node_publishers.publish_applied_commands(each.commands, stamp)
                 self._transport.send(each.messages, stamp)
+            self._node_publishers.publish_state(run, self._params)  # for its controllers
             self._resent_ticks = None
             self._advance()
 
     def _find_waits(self) -> Iterable[Wait]:
         if self._leaving:
             return ()
-        return find_machine_waits(
-            self.get_namespace(), self._membership, self.run, self._soil_contact
-        )
+        namespace = self.get_namespace()
+        return find_machine_waits(namespace, self._membership, self.run, self._soil_contact)
 
     # The tick.
 

@@ -128,15 +128,15 @@ class MachineRun:
 
     @property
     def _arbiters(self) -> ArbiterStates:
-        """Commands in force; in real time only the emergency stops, since others time out by the
-        wall clock, which another process does not continue."""
+        """What the machines have received; in real time without commands, which time out by the
+        wall clock of the process."""
         states = [each.arbiter.state for each in self._instances]
         if self.facts.realtime:
-            states = [each._replace(active={}) for each in states]
+            states = [each.without_timed() for each in states]
         return tuple(states)
 
     def record_arbiters(self) -> None:
-        """Record the commands in force between two ticks, if they have changed."""
+        """Record between two ticks what the machines have received, if it has changed."""
         self.journal.record_arbiters(self._arbiters)
 
     @property

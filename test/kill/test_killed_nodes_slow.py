@@ -30,7 +30,7 @@ from msg_bridge.testing.ros_context import Ros
 from msg_bridge.testing.ros_process import RosProcess
 
 ROUNDS = int(os.environ.get("KILL_ROUNDS", "20"))
-ROUNDS_PER_RUN = 20
+ROUNDS_PER_RUN = 10
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -49,8 +49,11 @@ class Run:
         ledgers: received ledgers.
     """
 
-    def __init__(self, ros: Ros, start: StartProcess, folder: Path, *, record: bool) -> None:
+    def __init__(
+        self, ros: Ros, start: StartProcess, folder: Path, *, delay: int, record: bool
+    ) -> None:
         folder.mkdir()
+        self._delay = delay  # ticks from a state until its command takes effect
         self._ros, self._start, self._folder = ros, start, folder
         self._processes: dict[str, RosProcess] = {}
         self._last_tick = -1
@@ -98,7 +101,8 @@ class Run:
             parameters |= {"sync": "lockstep", "tick_period": TICK, **SITE}
         else:
             machine = machine_file(self._folder, ready_to_dig())
-            parameters |= {"machine": machine, "command_wait_period": 1, "state_rate": 100.0}
+            parameters |= {"machine": machine, "state_rate": 100.0}
+            parameters |= {"command_wait_period": 1, "command_delay": self._delay}
         namespace = "" if name == "soil_sim" else "/excavator"
         self._processes[name] = self._start(
             [PROGRAMS / name], parameters=parameters, namespace=namespace
@@ -132,7 +136,8 @@ def test_killed_nodes_continue_their_run(
     ros: Ros, ros_process: StartProcess, tmp_path: Path, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
-    run = Run(ros, ros_process, tmp_path / "killed", record=True)
+    delay = (0, 2)[seed % 2]
+    run = Run(ros, ros_process, tmp_path / "killed", delay=delay, record=True)
     ScriptedDigger(ros)
     run.until_tick(1)
     for _ in range(min(ROUNDS_PER_RUN, ROUNDS)):
@@ -149,7 +154,7 @@ def test_killed_nodes_continue_their_run(
     assert main(["replay", str(run.bag)]) == 0
     shutil.rmtree(run.bag)
 
-    other = Run(ros, ros_process, tmp_path / "unkilled", record=False)
+    other = Run(ros, ros_process, tmp_path / "unkilled", delay=delay, record=False)
     other.until_tick(num_ticks)
     other.stop()
     for topic, hashes in run.hashes.items():

@@ -1,5 +1,6 @@
 """Arbitration: the newest command applies until it times out, none under an emergency stop."""
 
+import pickle
 import subprocess
 import sys
 
@@ -209,6 +210,43 @@ def test_reset_drops_all_but_the_emergency_stop(make_arbiter):
     arbiter.emergency_stop(True)
     arbiter.reset()
     assert arbiter.is_stopped
+
+
+def test_delayed_commands_take_effect_in_the_order_of_their_times(make_arbiter):
+    arbiter = make_arbiter()
+    for velocity, effect_time in ((0.3, 0.03), (0.2, 0.02), (0.1, None)):
+        arbiter.receive_joints(["boom"], [velocity], [], 0.0, effect_time=effect_time)
+    arbiter.receive_twist(0.5, 0.0, 0.0, effect_time=0.03)
+    assert [joints(arbiter, t)[1] for t in (0.0, 0.01, 0.02, 0.03)] == [0.1, 0.1, 0.2, 0.3]
+    assert tracks(arbiter, 0.03) == [0.5, 0.5]
+    assert joints(arbiter, 0.32)[1] == 0.3, "it times out after its effect, not its arrival"
+
+
+@pytest.mark.parametrize("end", ["reset", "stop"])
+def test_reset_and_emergency_stop_drop_delayed_commands(make_arbiter, end):
+    arbiter = make_arbiter()
+    arbiter.receive_joints(["boom"], [0.1], [], 0.0, effect_time=0.02)
+    if end == "reset":
+        arbiter.reset()
+    else:
+        arbiter.emergency_stop(True)
+        arbiter.emergency_stop(False)
+    assert joints(arbiter, 0.02)[1] == 0.0
+
+
+def test_restored_arbiter_continues_with_what_was_received(make_arbiter):
+    arbiter = make_arbiter()
+    arbiter.receive_joy([0.0, 0.0, 0.0, 1.0, 0.0, 0.0], [], 0.0)  # a lever is deflected
+    arbiter.emergency_stop(True)
+    arbiter.emergency_stop(False)
+    arbiter.receive_tracks([0.5, 0.5], 0.0)
+    arbiter.receive_joints(["boom"], [0.1], [], 0.0, effect_time=0.02)
+    other = make_arbiter()
+    other.restore(pickle.loads(pickle.dumps(arbiter.state)))
+    other.receive_joy([0.0, 0.0, 0.0, 1.0, 0.0, 0.0], [], 0.01)
+    assert tracks(other, 0.01) == [0.5, 0.5]
+    assert joints(other, 0.01) == [0.0] * 4, "the lever was not released since the stop"
+    assert joints(other, 0.02)[1] == 0.1
 
 
 def test_position_command_reaches_and_holds_its_target(make_arbiter):

@@ -39,32 +39,38 @@ class CommandReceiver:
         self._take("tracks", list(values), now)
 
     def receive_joints(
-        self, names: Any, velocity: Any, position: Any, now: float, *, stamp: Any, sim_now: Any
+        self, names: Any, velocity: Any, position: Any, now: float, **times: float | None
     ) -> None:
-        self._take("joints", list(names), list(velocity), list(position), now, stamp, sim_now)
+        self._take("joints", list(names), list(velocity), list(position), now, *times.values())
 
     def receive_twist(
-        self, linear: float, angular: float, now: float, *, stamp: Any, sim_now: Any
+        self, linear: float, angular: float, now: float, **times: float | None
     ) -> None:
-        self._take("twist", linear, angular, now, stamp, sim_now)
+        self._take("twist", linear, angular, now, *times.values())
 
     def receive_joy(self, axes: Any, buttons: Any, now: float, *, stamp: Any, sim_now: Any) -> None:
         self._take("joy", list(axes), list(buttons), now, stamp, sim_now)
 
 
 class CommandClock:
-    """A run at 3 s of simulated time whose commands arrive at 77 s."""
+    """A run at 3 s of simulated time whose commands arrive at 77 s.
+
+    Attributes:
+        effect_time: when stamped commands take effect; None: at once.
+        stamps: those of valid commands.
+    """
 
     sim_time = 3.0
 
     def __init__(self) -> None:
+        self.effect_time: float | None = None
         self.stamps: list[float] = []
 
     def command_time(self, wall: float) -> float:
         return 77.0
 
-    def receive(self, stamp: float, deliver: Callable[[], bool]) -> None:
-        if deliver():
+    def receive(self, stamp: float, deliver: Callable[[float | None], bool]) -> None:
+        if deliver(self.effect_time):
             self.stamps.append(stamp)
 
 
@@ -75,14 +81,18 @@ class Machine:
         self.ros, self.receiver, self.times = ros, CommandReceiver(), CommandClock()
         self.running = True
         self.rejected: list[tuple[str, str]] = []
-        self.num_wake_ups = 0
+        self.num_wake_ups = self.num_records = 0
         self.node = ros.node("machine", namespace="/digger")
         self.topics = CommandSubscriptions(
             SubscriptionPoller(self.node, self.wake),
             self.receiver,
             lambda: self.times if self.running else None,
             lambda topic, reason: self.rejected.append((topic, reason)),
+            record=self.record,
         )
+
+    def record(self) -> None:
+        self.num_records += 1
 
     def wake(self) -> None:
         self.num_wake_ups += 1
@@ -124,14 +134,14 @@ ALL: list[tuple[str, Callable[[], Any], tuple[Any, ...]]] = [
     (
         "joint_commands",
         lambda: stamped(JointState(name=["arm"], velocity=[0.5])),
-        ("joints", ["arm"], [0.5], [], 77.0, STAMP, 3.0),
+        ("joints", ["arm"], [0.5], [], 77.0, STAMP, 3.0, None),
     ),
     (
         "joint_commands",
         lambda: stamped(JointState(name=["arm", "boom"], position=[0.5, 1.0])),
-        ("joints", ["arm", "boom"], [], [0.5, 1.0], 77.0, STAMP, 3.0),
+        ("joints", ["arm", "boom"], [], [0.5, 1.0], 77.0, STAMP, 3.0, None),
     ),
-    ("cmd_vel", lambda: stamped(twist(0.5, -0.25)), ("twist", 0.5, -0.25, 77.0, STAMP, 3.0)),
+    ("cmd_vel", lambda: stamped(twist(0.5, -0.25)), ("twist", 0.5, -0.25, 77.0, STAMP, 3.0, None)),
     (
         "joy",
         lambda: stamped(Joy(axes=[0.5, -1.0], buttons=[0, 1])),
@@ -155,13 +165,22 @@ def test_receiver_gets_each_message_with_its_time_of_arrival(
 )
 def test_zero_stamp_counts_as_no_stamp(machine: Machine, topic: str, message: Any) -> None:
     machine.send(topic, message)
-    assert machine.receiver.received[0][-2:] == (None, 3.0)
+    assert machine.receiver.received[0][-3:] == (None, 3.0, None)
 
 
 def test_joint_and_twist_commands_are_scheduled_by_their_stamp(machine: Machine) -> None:
     for topic, message, _ in ALL:
         machine.send(topic, message())
     assert machine.times.stamps == [STAMP] * 3  # two of joint_commands, one of cmd_vel
+
+
+def test_command_that_takes_effect_later_is_recorded_when_it_arrives(machine: Machine) -> None:
+    machine.times.effect_time = 3.02
+    for topic, message, _ in ALL:
+        machine.send(topic, message())
+    delayed = [each for each in machine.receiver.received if each[-1] == 3.02]
+    assert [each[0] for each in delayed] == ["joints", "joints", "twist"]
+    assert machine.num_records == 3
 
 
 def test_rejected_command_is_reported_and_not_scheduled(machine: Machine) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.machine_scenes import GRID, excavator
 
-from machine_sim.commands import CommandArbiter
+from machine_sim.commands import AppliedCommand, CommandArbiter
 from machine_sim.dem import ParticleParams
 from machine_sim.machine.errors import MachineError
 from machine_sim.node.machine_instance import MachineInstance
@@ -63,7 +63,7 @@ def make() -> Iterator[MakeRun]:
         each.close()
 
 
-def valid_command() -> bool:
+def valid_command(effect_time: float | None) -> bool:
     """Apply a command that the arbiter accepts."""
     return True
 
@@ -93,9 +93,14 @@ class Soil:
 
     def ticks(self, count: int) -> None:
         for _ in range(count):
-            self.run.apply_commands(0.0)
-            self.run.step()
-            self.answer()
+            self.tick()
+
+    def tick(self) -> list[AppliedCommand]:
+        """Perform a tick, and return the commands that took effect."""
+        commands = self.run.apply_commands(0.0)
+        self.run.step()
+        self.answer()
+        return commands
 
 
 def test_machine_takes_tick_period_and_soils_from_the_run(make: MakeRun) -> None:
@@ -229,23 +234,24 @@ def test_command_takes_effect_command_delay_ticks_after_its_stamp(
     make: MakeRun,
 ) -> None:
     run = make(command_wait_period=2, command_delay=2)
-    soil, counts = Soil(run), []
+    soil, boom = Soil(run), 1
 
-    def sent(tick: int) -> Callable[[], bool]:
-        def deliver() -> bool:
-            counts.append((tick, run.tick + 1))
+    def send(stamp: float, velocity: float) -> None:
+        def deliver(effect_time: float | None) -> bool:
+            run.schedulers[0].arbiter.receive_joints(
+                ["boom"], [velocity], [], run.schedulers[0].sim_time, effect_time=effect_time
+            )
             return True
 
-        return deliver
+        run.schedulers[0].receive(stamp, deliver)
 
-    run.schedulers[0].receive(0.0, sent(0))
-    soil.ticks(2)
-    run.schedulers[0].receive(0.02, sent(2))
-    assert counts == []
-    soil.ticks(1)
-    assert counts == [(0, 3)]
-    soil.ticks(3)
-    assert counts == [(0, 3), (2, 5)]
+    def applied() -> float:
+        return float(soil.tick()[0].joints[boom])
+
+    send(0.0, 0.1)
+    before = [applied(), applied()]
+    send(0.02, 0.2)
+    assert before + [applied() for _ in range(4)] == [0.0, 0.0, 0.1, 0.1, 0.2, 0.2]
 
 
 def test_machine_continues_for_the_delay_while_a_command_is_awaited(make: MakeRun) -> None:
@@ -263,22 +269,22 @@ def test_late_command_takes_effect_at_once(make: MakeRun) -> None:
     run = make(command_delay=2)
     soil, delivered = Soil(run), []
     soil.ticks(5)
-    run.schedulers[0].receive(0.01, lambda: not delivered.append(run.tick))
-    assert delivered == [5]
+    run.schedulers[0].receive(0.01, lambda effect: not delivered.append(effect))
+    assert delivered == [pytest.approx(0.03)]
 
 
 def test_commands_are_not_delayed_in_real_time(make: MakeRun) -> None:
     run = make(command_delay=5, realtime=True)
     Soil(run)
-    delivered: list[int] = []
-    run.schedulers[0].receive(0.0, lambda: not delivered.append(run.tick))
-    assert delivered == [0]
+    delivered: list[float | None] = []
+    run.schedulers[0].receive(0.0, lambda effect: not delivered.append(effect))
+    assert delivered == [None]
 
 
 def test_rejected_command_is_no_answer(make: MakeRun) -> None:
     run = make(command_wait_period=1)
     Soil(run)
-    run.schedulers[0].receive(0.0, lambda: False)
+    run.schedulers[0].receive(0.0, lambda _: False)
     assert not run.can_step
 
 
