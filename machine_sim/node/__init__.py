@@ -5,8 +5,8 @@ Path of a command, from its topic to the machine::
     topic                 command_subscriptions   message -> receive_...(values, time)
       |                     CommandSubscriptions    rejected ones go to the diagnostics
       v
-    command_scheduler     CommandScheduler        immediately, or `command_delay` ticks after the
-      |                                             stamp of the command (lockstep)
+    command_scheduler     CommandScheduler        when it takes effect: now, or `command_delay`
+      |                                             ticks after its stamp (lockstep)
       v
     commands.arbiter      CommandArbiter          validation, the newest command of each actuator,
       |                                             timeout, emergency stop
