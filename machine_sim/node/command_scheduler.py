@@ -89,6 +89,19 @@ class CommandScheduler:
             return None
         return answered * self._facts.tick_period
 
+    @property
+    def has_answers(self) -> bool:
+        """Whether the states before the last one are answered, if commands are delayed; what is in
+        transit when the process dies is lost."""
+        if not (self._delay_ticks and self._wait_period):
+            return True
+        return self._last_answered_tick >= self._endpoint.tick - self._wait_period
+
+    @property
+    def num_delayed_states(self) -> int:
+        """Number of the last states whose answers have not taken effect yet."""
+        return self._delay_ticks + 1
+
     def apply_command(self, wall: float) -> AppliedCommand:
         """Apply the command that takes effect in the tick that begins now, and return it.
 

@@ -5,7 +5,6 @@ Independent of ROS and of clocks. Without a `RunJournal` nothing is written.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -33,13 +32,10 @@ __all__ = [
     "MachineJournal",
     "MachineRunBegin",
     "MachineRunState",
-    "ResentTick",
+    "OnTick",
     "RestoredMachines",
     "restore",
 ]
-
-_NUM_RESENT_TICKS = 3
-"""Number of the last ticks whose messages are sent again: the process may have died before."""
 
 
 class MachineRunBegin(NamedTuple):
@@ -78,18 +74,10 @@ class MachineRunState(NamedTuple):
     is_exact: bool = True
 
 
-class ResentTick(NamedTuple):
-    """A tick to publish again after a restart.
-
-    Attributes:
-        tick: its number.
-        commands: command of each machine; its sources are not known any more.
-        messages: what the machines sent.
-    """
-
-    tick: int
-    commands: list[AppliedCommand]
-    messages: list[Message]
+OnTick = Callable[[MachineRunState, list[AppliedCommand], list[Message]], None]
+"""What is called after a tick that is performed again: with the state, without physics, and the
+command of each machine, whose sources are not known any more, and the messages of the tick; both
+are empty for the state that the run continues from."""
 
 
 class RestoredMachines(NamedTuple):
@@ -97,13 +85,11 @@ class RestoredMachines(NamedTuple):
 
     Attributes:
         state: the machines.
-        last_ticks: the last ticks, in order.
         num_skipped: number of ticks that were not performed again: poses are those before them, and
             the machines are to rejoin with the soil that they hold after them.
     """
 
     state: MachineRunState
-    last_ticks: list[ResentTick]
     num_skipped: int
 
 
@@ -158,25 +144,35 @@ class MachineJournal:
             self._arbiters = arbiters
             self._journal.append(ArbiterRecord(arbiters))
 
-    def checkpoint_if_due(self, state: Callable[[], MachineRunState]) -> None:
+    def checkpoint_if_due(
+        self, state: Callable[[], MachineRunState], *, is_preferred: bool = True
+    ) -> None:
         """Write a checkpoint after a tick, if it is time for one.
 
         Args:
             state: returns the state without physics.
+            is_preferred: whether not to wait for a later tick, for up to a period.
         """
+
+        def capture(is_overdue: bool) -> CapturedState | None:
+            if not (is_preferred or is_overdue):
+                return None
+            return _capture(state(), allow_contacts=is_overdue)
+
         if self._journal is not None:
-            self._journal.checkpoint_if_due(
-                lambda is_overdue: _capture(state(), allow_contacts=is_overdue)
-            )
+            self._journal.checkpoint_if_due(capture)
 
 
-def restore(saved: SavedRun, state: MachineRunState, *, skip: bool = False) -> RestoredMachines:
+def restore(
+    saved: SavedRun, state: MachineRunState, on_tick: OnTick, *, skip: bool = False
+) -> RestoredMachines:
     """Return the machines of a saved run.
 
     Args:
         saved: the run.
         state: the machines as the run began; their bodies are used, in the physics client of the
             saved state.
+        on_tick: called with the state that the run continues from, and after each tick.
         skip: whether to skip the ticks after the saved state, not to perform them again. They are
             skipped anyway after a state that is not exact.
 
@@ -190,16 +186,16 @@ def restore(saved: SavedRun, state: MachineRunState, *, skip: bool = False) -> R
         state.endpoint.exchange.discard_unprocessed()
     skip = skip or not state.is_exact
     num_skipped = 0
-    endpoint, progress, arbiters = state.endpoint, state.progress, state.arbiters
-    last_ticks: deque[ResentTick] = deque(maxlen=_NUM_RESENT_TICKS)
+    endpoint = state.endpoint
+    on_tick(state, [], [])
     for record in saved.records:
         if isinstance(record, ArbiterRecord):
-            arbiters = record.states
+            state = state._replace(arbiters=record.states)
         elif isinstance(record, JoinRecord):
             record.perform(endpoint)
         elif isinstance(record, MachineTickRecord) and skip:
             record.skip(endpoint)
-            arbiters = record.arbiters or arbiters
+            state = state._replace(arbiters=record.arbiters or state.arbiters)
             num_skipped += 1
         elif isinstance(record, MachineTickRecord):
             before = endpoint.tick
@@ -207,16 +203,15 @@ def restore(saved: SavedRun, state: MachineRunState, *, skip: bool = False) -> R
                 record.perform(endpoint)
             except ExchangeError as error:
                 raise DivergenceError(endpoint.next_tick, error.coded_message) from error
-            arbiters = record.arbiters or arbiters
-            progress = progress.after_tick(endpoint.tick - before)
+            state = state._replace(
+                arbiters=record.arbiters or state.arbiters,
+                progress=state.progress.after_tick(endpoint.tick - before),
+            )
             endpoint.sim.contacts.take_changes()  # they were published
-            messages = endpoint.drain_outbox()
-            applied = [_applied(*each) for each in record.commands]
-            last_ticks.append(ResentTick(endpoint.tick, applied, messages))
+            on_tick(state, [_applied(*each) for each in record.commands], endpoint.drain_outbox())
         else:
             raise RecoveryError(f"a record is of type {type(record).__name__}")
-    state = state._replace(progress=progress, arbiters=arbiters)
-    return RestoredMachines(state, list(last_ticks), num_skipped)
+    return RestoredMachines(state, num_skipped)
 
 
 def _applied(joints: list[float], tracks: list[float]) -> AppliedCommand:

@@ -26,8 +26,8 @@ from machine_sim.node.machine_instance import (
     describe_machines,
     find_input_files,
 )
-from machine_sim.node.machine_journal import MachineJournal, MachineRunBegin, ResentTick
-from machine_sim.node.machine_recovery import continue_run
+from machine_sim.node.machine_journal import MachineJournal, MachineRunBegin
+from machine_sim.node.machine_recovery import RunSetup, continue_run
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.node.machine_transport import MachineTransport
 from machine_sim.node.machine_waits import SoilContact, find_machine_waits
@@ -55,7 +55,7 @@ from msg_bridge.nodes.duplicate_node import check_no_other_node
 from msg_bridge.nodes.endpoint_monitor import EndpointMonitor
 from msg_bridge.nodes.process_main import run_node
 from msg_bridge.nodes.ros_parameters import declare_parameters, on_parameter_change
-from msg_bridge.nodes.sim_node import SimNode
+from msg_bridge.nodes.sim_node import HeldPublications, SimNode
 from msg_bridge.nodes.subscriber_matching import unmatched_topics
 from msg_bridge.nodes.subscription_poller import SubscriptionPoller
 from msg_bridge.nodes.wait_log import Wait, WaitLog
@@ -122,7 +122,7 @@ class MachineNode(SimNode):
             remedy = "start each machine node in its own namespace, with its own machine_id"
             check_no_other_node(self, [topics.MACHINE_TICK, *states], deadline, remedy=remedy)
         self._recovery = NodeRecovery.of_node(recovery, self)
-        self._resent_ticks: list[ResentTick] | None = None  # until subscribers are discovered
+        self._held: HeldPublications | None = None  # until subscribers are discovered
         self.run: MachineRun | None = None
         machine_types = ", ".join(instance.spec.name for instance in self.instances)
         simulation = parent_namespace(self.get_namespace())
@@ -250,7 +250,7 @@ class MachineNode(SimNode):
             self.run.close()
             for instance in self.instances:
                 instance.arbiter.reset()
-        self._resent_ticks = None
+        self._held = None
         self._published_session_id = -1
         self._enter_run(run, config)
         machines = describe_machines(self._params.machine_id, self.instances)
@@ -280,23 +280,22 @@ class MachineNode(SimNode):
     def _continue_run(self) -> None:
         """Continue the run of a process that did not end it, if there is one."""
         ignored = {f"machine_sim.{name}" for name in _CHANGEABLE}
-        found = continue_run(self._recovery, self._make_run, self._config, ignored)
+        publishers = self.hold_publications, self._node_publishers, self._transport
+        setup = RunSetup(self._make_run, self._config, ignored, *publishers, self._params)
+        found = continue_run(self._recovery, setup)
         if found is None:
             return
-        run, begin, self._resent_ticks = found
+        run, begin, self._held = found
         self._membership.resume(begin.facts, begin.keyframe)
         self._published_session_id = run.endpoint.exchange.session_id
         self._enter_run(run, begin.config)
 
-    def _resend_last_ticks(self, run: MachineRun) -> None:
+    def _publish_held(self) -> None:
         """Publish the last ticks of a continued run again, once there are subscribers."""
         if not (self._recovery.is_settling or self._membership.find_missing_subscribers()):
-            for each in self._resent_ticks or ():
-                stamp = self._stamp(run, each.tick)
-                self._node_publishers.publish_applied_commands(each.commands, stamp)
-                self._transport.send(each.messages, stamp)
-            self._node_publishers.publish_state(run, self._params)  # for its controllers
-            self._resent_ticks = None
+            for publish in self._held or ():
+                publish()
+            self._held = None
             self._advance()
 
     def _find_waits(self) -> Iterable[Wait]:
@@ -321,7 +320,7 @@ class MachineNode(SimNode):
             self._session_log.log_joined(run, is_first=self._published_session_id < 0)
             self._published_session_id = exchange.session_id
             self._node_publishers.publish_state(run, self._params)
-        if run.endpoint.is_ready and self._resent_ticks is None:
+        if run.endpoint.is_ready and self._held is None:
             self._command_poller.take_all()  # commands that have arrived by now apply
             self._emergency_stops.take_all()
             if run.can_step or self._leaving:
@@ -360,12 +359,12 @@ class MachineNode(SimNode):
         run = self.run
         if run is None or (self._leaving and not run.endpoint.exchange.joined):
             return
-        if run.endpoint.exchange.join_state is JoinState.READY and not run.can_step:
+        if self._held is not None:
+            self._publish_held()
+        elif run.endpoint.exchange.join_state is JoinState.READY and not run.can_step:
             # For a controller that has just started.
             self._node_publishers.publish_state(run, self._params)
             self._node_publishers.publish_state_hash(run)
-        if self._resent_ticks is not None:
-            self._resend_last_ticks(run)
         self._membership.recover(run, time.monotonic())
         if self._membership.facts is not None and self._membership.facts.run_id != run.facts.run_id:
             self._try_new_run()

@@ -62,8 +62,8 @@ class MachinePublishers:
         self._odometer = BeltOdometer(instance.spec)
         self._state_scale, self._sensor_scale = VelocityScale(), VelocityScale()
 
-    def start_run(self, seed: int, machine_index: int) -> None:
-        """Begin a run: reset the sensors and publish the robot description.
+    def reset(self, seed: int, machine_index: int) -> None:
+        """Reset what depends on earlier ticks, for a run.
 
         Args:
             seed: seed of the sensor errors.
@@ -73,6 +73,10 @@ class MachinePublishers:
         self._state_scale, self._sensor_scale = VelocityScale(), VelocityScale()
         self._sensors = Sensors(spec, self._sensor_params, seed, machine_index)
         self._odometer = BeltOdometer(spec)
+
+    def publish_description(self) -> None:
+        """Publish the robot description."""
+        spec = self.instance.spec
         urdf = description_text(spec, prefix=self._frame_prefix, meshes=self._description_meshes)
         self._state_publishers.publish_description(urdf)
 

@@ -2,28 +2,72 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
-from contextlib import nullcontext
-from functools import partial
+from collections import deque
+from collections.abc import Callable, Collection, Iterator
+from contextlib import AbstractContextManager, nullcontext
 from typing import NamedTuple
 
+from machine_sim.commands import AppliedCommand
 from machine_sim.node.machine_journal import (
     MachineRunBegin,
-    ResentTick,
+    MachineRunState,
     RestoredMachines,
     restore,
 )
 from machine_sim.node.machine_run import MachineRun
+from machine_sim.node.machine_transport import MachineTransport
+from machine_sim.node.node_publishers import NodePublishers
+from machine_sim.node.params import MachineNodeParams
 from machine_sim.physics_state import next_client
 from msg_bridge.codec.run_config import RunFacts
+from msg_bridge.codec.stamps import stamp_from_tick
 from msg_bridge.contract.errors import EarthmovingError
-from msg_bridge.contract.messages import Keyframe
+from msg_bridge.contract.messages import Keyframe, Message
+from msg_bridge.nodes.sim_node import HeldPublications
 from msg_bridge.recovery.config_comparison import find_config_difference
 from msg_bridge.recovery.errors import DivergenceError, RecoveryError
 from msg_bridge.recovery.node_recovery import NodeRecovery
 from msg_bridge.recovery.run_journal import SavedRun
 
-__all__ = ["ContinuedRun", "continue_run"]
+__all__ = ["ContinuedRun", "RunSetup", "continue_run"]
+
+_MIN_REPEATED_TICKS = 3
+"""Minimum number of the last ticks that are published again: the process may have died before."""
+
+_MAX_RECORDS_PER_TICK = 4
+"""Records of a tick, and of the commands that arrived before it."""
+
+
+class RunSetup(NamedTuple):
+    """How a node sets up the machines of a run.
+
+    Attributes:
+        make_run: returns the machines as a run began, from its parameters, terrain and the number
+            from which its sessions count.
+        make_config: returns the configuration of a run [YAML], from that number.
+        ignored: names of the parameters that may have changed.
+        hold_publications: holds what is published in its context.
+        publishers, transport: what publishes the ticks.
+        params: parameters of the node.
+    """
+
+    make_run: Callable[[RunFacts, Keyframe, int], MachineRun]
+    make_config: Callable[[MachineRun, int], str]
+    ignored: Collection[str]
+    hold_publications: Callable[[], AbstractContextManager[HeldPublications]]
+    publishers: NodePublishers
+    transport: MachineTransport
+    params: MachineNodeParams
+
+    def publish_tick(
+        self, run: MachineRun, commands: list[AppliedCommand], messages: list[Message]
+    ) -> None:
+        """Publish the last tick of a run: commands of the machines, messages and state."""
+        stamp = stamp_from_tick(run.tick, run.facts.tick_period)
+        if commands:
+            self.publishers.publish_applied_commands(commands, stamp)
+        self.transport.send(messages, stamp)
+        self.publishers.publish_state(run, self.params)
 
 
 class ContinuedRun(NamedTuple):
@@ -32,41 +76,32 @@ class ContinuedRun(NamedTuple):
     Attributes:
         run: the machines as they were when their process ended.
         begin: what their run began with.
-        last_ticks: their last ticks, in order, to be published again.
+        publications: those of its last ticks, to be published again.
     """
 
     run: MachineRun
     begin: MachineRunBegin
-    last_ticks: list[ResentTick]
+    publications: HeldPublications
 
 
-def continue_run(
-    recovery: NodeRecovery,
-    make_run: Callable[[RunFacts, Keyframe, int], MachineRun],
-    make_config: Callable[[MachineRun, int], str],
-    ignored: Collection[str],
-) -> ContinuedRun | None:
+def continue_run(recovery: NodeRecovery, setup: RunSetup) -> ContinuedRun | None:
     """Return the run that a process before did not end; None if there is none, or on an error.
 
     Args:
         recovery: recovery of the node; it reports the outcome.
-        make_run: returns the machines as a run began, from its parameters, terrain and the number
-            from which its sessions count.
-        make_config: returns the configuration of a run [YAML], from that number.
-        ignored: names of the parameters that may have changed.
+        setup: how the node sets up its runs.
     """
     saved = recovery.saved_run()
     if saved is None:
         return None
     begin: MachineRunBegin = saved.begin
-    restored_run = partial(_restored_run, make_run, make_config, ignored)
     try:
         try:
-            run, restored = restored_run(saved, skip=False)
+            run, restored, publications = _restored_run(setup, saved, skip=False)
         except DivergenceError as error:
             recovery.warn(str(error))
             saved = recovery.saved_run() or saved  # the state before it was changed
-            run, restored = restored_run(saved, skip=True)
+            run, restored, publications = _restored_run(setup, saved, skip=True)
     except EarthmovingError as error:
         recovery.reject(str(error))
         return None
@@ -78,18 +113,18 @@ def continue_run(
             " then,"
         )
     recovery.resume(saved, what)
-    return ContinuedRun(run, begin, restored.last_ticks)
+    return ContinuedRun(run, begin, publications)
 
 
 def _restored_run(
-    make_run: Callable[[RunFacts, Keyframe, int], MachineRun],
-    make_config: Callable[[MachineRun, int], str],
-    ignored: Collection[str],
-    saved: SavedRun,
-    *,
-    skip: bool,
-) -> tuple[MachineRun, RestoredMachines]:
-    """Return the machines of a saved run and what they continue from; arguments as above.
+    setup: RunSetup, saved: SavedRun, *, skip: bool
+) -> tuple[MachineRun, RestoredMachines, HeldPublications]:
+    """Return the machines of a saved run, what they continue from, and their last publications.
+
+    Args:
+        setup: how the node sets up its runs.
+        saved: the run.
+        skip: as for `restore`.
 
     Raises:
         EarthmovingError: the run has other parameters, or cannot be restored.
@@ -97,13 +132,36 @@ def _restored_run(
     begin: MachineRunBegin = saved.begin
     client = nullcontext() if saved.state is None else next_client(saved.state.client_id)
     with client:
-        run = make_run(begin.facts, begin.keyframe, begin.session_id)
+        run = setup.make_run(begin.facts, begin.keyframe, begin.session_id)
     try:
-        config = make_config(run, begin.session_id)
-        difference = find_config_difference(begin.config, config, ignored=ignored)
+        config = setup.make_config(run, begin.session_id)
+        difference = find_config_difference(begin.config, config, ignored=setup.ignored)
         if difference:
             raise RecoveryError(f"it has other parameters: {difference}")
-        return run, restore(saved, run.state, skip=skip)
+        setup.publishers.reset(setup.params.seed)
+        num_ticks = max(_MIN_REPEATED_TICKS, run.num_delayed_states)
+        num_left = saved.num_records  # records that are not processed yet
+        last: deque[HeldPublications] = deque(maxlen=num_ticks)
+
+        def count(records: Iterator[object]) -> Iterator[object]:
+            nonlocal num_left
+            for record in records:
+                num_left -= 1
+                yield record
+
+        def publish(
+            state: MachineRunState, commands: list[AppliedCommand], messages: list[Message]
+        ) -> None:
+            if state.endpoint.tick < 0 or num_left > _MAX_RECORDS_PER_TICK * num_ticks:
+                return
+            run.resume(state)
+            with setup.hold_publications() as publications:
+                setup.publish_tick(run, commands, messages)
+            last.append(publications)
+
+        saved = saved._replace(records=count(saved.records))
+        restored = restore(saved, run.state, publish, skip=skip)
     except BaseException:
         run.close()
         raise
+    return run, restored, [each for publications in last for each in publications]

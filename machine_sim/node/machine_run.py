@@ -165,6 +165,11 @@ class MachineRun:
         }
         return {name: stamp for name, stamp in stamps.items() if stamp is not None}
 
+    @property
+    def num_delayed_states(self) -> int:
+        """Number of the last states whose answers have not taken effect yet."""
+        return max(scheduler.num_delayed_states for scheduler in self.schedulers)
+
     def join(self) -> None:
         """Request to join the run with the soil that the machines hold.
 
@@ -195,7 +200,8 @@ class MachineRun:
 
     def checkpoint_if_due(self) -> None:
         """Write a checkpoint, if it is time for one; call it when what was computed is sent."""
-        self.journal.checkpoint_if_due(self._recorded_state)
+        is_answered = all(scheduler.has_answers for scheduler in self.schedulers)
+        self.journal.checkpoint_if_due(self._recorded_state, is_preferred=is_answered)
 
     def _recorded_state(self) -> MachineRunState:
         """Return the present state, whose commands are the last ones that are recorded."""

@@ -52,10 +52,16 @@ class NodePublishers:
             create_machine_publishers(node, each, params, sensor_params) for each in instances
         ]
 
-    def start_run(self, config: str, seed: int) -> None:
-        """Publish robot descriptions and configuration [YAML]; `seed` is that of sensor errors."""
+    def reset(self, seed: int) -> None:
+        """Reset what depends on earlier ticks, for a run; `seed` is that of sensor errors."""
         for k, publishers in enumerate(self._machines):
-            publishers.start_run(seed, k)
+            publishers.reset(seed, k)
+
+    def start_run(self, config: str, seed: int) -> None:
+        """Begin a run with a configuration [YAML]; `seed` as in `reset`."""
+        self.reset(seed)
+        for publishers in self._machines:
+            publishers.publish_description()
         self._shared.publish_config(config)
 
     def publish_applied_commands(self, commands: Sequence[AppliedCommand], stamp: Time) -> None:

@@ -1,14 +1,34 @@
-"""Base of all nodes: no QoS event handlers, and timers of wall clock time."""
+"""Base of all nodes: no QoS event handlers, wall clock timers, publications that can be held."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 
-__all__ = ["SimNode"]
+__all__ = ["HeldPublications", "SimNode"]
+
+HeldPublications = list[Callable[[], None]]
+"""Publications in their order; a call publishes one."""
+
+
+class _HoldablePublisher(Publisher):
+    """Publisher whose messages can be held; see `SimNode.hold_publications`."""
+
+    held: HeldPublications | None = None
+
+    def publish(self, msg: Any) -> None:
+        """As `Publisher.publish`, or hold the message."""
+        if self.held is None:
+            super().publish(msg)
+        else:
+            self.held.append(partial(super().publish, msg))
 
 
 class SimNode(Node):
@@ -22,10 +42,23 @@ class SimNode(Node):
     simulated time stands still.
     """
 
+    @contextmanager
+    def hold_publications(self) -> Iterator[HeldPublications]:
+        """Hold what the node publishes in this context, and give it as it is added."""
+        held: HeldPublications = []
+        publishers = [each for each in self.publishers if isinstance(each, _HoldablePublisher)]
+        for publisher in publishers:
+            publisher.held = held
+        try:
+            yield held
+        finally:
+            for publisher in publishers:
+                publisher.held = None
+
     def create_publisher(self, *args: Any, **kwargs: Any) -> Any:
         """As `Node.create_publisher`."""
         kwargs.setdefault("event_callbacks", PublisherEventCallbacks(use_default_callbacks=False))
-        return super().create_publisher(*args, **kwargs)
+        return super().create_publisher(*args, **kwargs, publisher_class=_HoldablePublisher)
 
     def create_subscription(self, *args: Any, **kwargs: Any) -> Any:
         """As `Node.create_subscription`."""

@@ -7,11 +7,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
+import numpy as np
 import pytest
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
-from support.node_scenes import Scene, dig, machine_file, ready_to_dig
+from support.machine_scenes import COMMAND_NAMES
+from support.node_scenes import TICK, Scene, dig, joint_command, machine_file, ready_to_dig
 
 from machine_sim.node.machine_node import MachineNode
+from msg_bridge.codec.qos import STATE
+from msg_bridge.codec.stamps import tick_from_stamp
 from msg_bridge.testing.ros_context import Ros
 from soil_sim.node.soil_node import SoilNode
 
@@ -83,6 +88,32 @@ def test_machine_node_continues_its_run(ros: Ros, tmp_path: Path) -> None:
     scene.more_ticks(100)
     assert scene.ledgers[-1].imbalance == 0
     assert scene.ledgers[-1].absent == 0
+
+
+def test_restarted_machine_publishes_the_states_whose_answers_may_be_lost(
+    ros: Ros, tmp_path: Path
+) -> None:
+    """Commands take effect 3 ticks after the state that they answer; the last ones are missing."""
+    lockstep = {"command_wait_period": 1, "command_delay": 3, "state_rate": 100.0}
+    states: list[int] = []
+
+    def on_state(state: JointState) -> None:
+        states.append(tick_from_stamp(state.header.stamp, TICK))
+
+    ros.helper.create_subscription(JointState, "/excavator/joint_states", on_state, STATE)
+    commands = ros.publisher("/excavator/joint_commands", JointState)
+    scene = CrashScene(ros, tmp_path, lockstep)
+    for tick in range(10):
+        ros.spin_until(lambda tick=tick: tick in states, what=f"the state of tick {tick}")
+        commands.publish(joint_command(tick, np.full(len(COMMAND_NAMES), 0.01 * (tick + 1))))
+    last = 9 + 4
+    ros.spin_until(lambda: scene.digger.run.tick == last, what=f"tick {last}")
+    before, repeated = len(states), [last - 3, last - 2, last - 1, last]
+    scene.restart_digger()
+    ros.spin_until(lambda: states[before:][-4:] == repeated, what="the last states")
+    before = len(states)
+    commands.publish(joint_command(last - 3, np.full(len(COMMAND_NAMES), 0.01)))
+    ros.spin_until(lambda: last + 1 in states[before:], what="the next tick")
 
 
 def test_machine_dropped_in_real_time_returns_with_its_soil(ros: Ros, tmp_path: Path) -> None:
