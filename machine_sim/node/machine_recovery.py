@@ -59,15 +59,24 @@ class RunSetup(NamedTuple):
     transport: MachineTransport
     params: MachineNodeParams
 
-    def publish_tick(
+    def hold_tick(
         self, run: MachineRun, commands: list[AppliedCommand], messages: list[Message]
-    ) -> None:
-        """Publish the last tick of a run: commands of the machines, messages and state."""
+    ) -> tuple[HeldPublications, HeldPublications]:
+        """Return the publications of the last tick of a run: those to the soil, and of its state.
+
+        Args:
+            run: the machines after the tick.
+            commands: command of each machine; empty if they are not known.
+            messages: messages to the soil.
+        """
         stamp = stamp_from_tick(run.tick, run.facts.tick_period)
-        if commands:
-            self.publishers.publish_applied_commands(commands, stamp)
-        self.transport.send(messages, stamp)
-        self.publishers.publish_state(run, self.params)
+        with self.hold_publications() as of_tick:
+            if commands:
+                self.publishers.publish_applied_commands(commands, stamp)
+            self.transport.send(messages, stamp)
+        with self.hold_publications() as of_state:
+            self.publishers.publish_state(run, self.params)
+        return of_tick, of_state
 
 
 class ContinuedRun(NamedTuple):
@@ -141,7 +150,7 @@ def _restored_run(
         setup.publishers.reset(setup.params.seed)
         num_ticks = max(_MIN_REPEATED_TICKS, run.num_delayed_states)
         num_left = saved.num_records  # records that are not processed yet
-        last: deque[HeldPublications] = deque(maxlen=num_ticks)
+        last: deque[tuple[HeldPublications, HeldPublications]] = deque(maxlen=num_ticks)
 
         def count(records: Iterator[object]) -> Iterator[object]:
             nonlocal num_left
@@ -155,13 +164,17 @@ def _restored_run(
             if state.endpoint.tick < 0 or num_left > _MAX_RECORDS_PER_TICK * num_ticks:
                 return
             run.resume(state)
-            with setup.hold_publications() as publications:
-                setup.publish_tick(run, commands, messages)
-            last.append(publications)
+            last.append(setup.hold_tick(run, commands, messages))
 
         saved = saved._replace(records=count(saved.records))
         restored = restore(saved, run.state, publish, skip=skip)
     except BaseException:
         run.close()
         raise
-    return run, restored, [each for publications in last for each in publications]
+    publications: HeldPublications = []
+    for k, (of_tick, of_state) in enumerate(last):
+        publications += of_tick
+        # A command that answers an older state has taken effect, and must not be given again.
+        if k >= len(last) - run.num_delayed_states:
+            publications += of_state
+    return run, restored, publications
