@@ -125,6 +125,11 @@ class CommandArbiter:
         return self._is_stopped
 
     @property
+    def delayed_effect_times(self) -> list[float]:
+        """Times at which the delayed commands take effect [s], in the order of their arrival."""
+        return [each.effect_time for each in self._delayed]
+
+    @property
     def state(self) -> ArbiterState:
         """What it has received."""
         return ArbiterState(self._is_stopped, self._active, self._delayed, self._joystick.state)

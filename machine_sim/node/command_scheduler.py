@@ -47,6 +47,7 @@ class CommandScheduler:
         self._wait_period = instance.params.command_wait_period
         self._delay_ticks = 0 if facts.realtime else instance.params.command_delay
         self._last_answered_tick = -1  # newest tick that a stamped command answers
+        self._unanswered: set[int] = set()  # of the ticks before a restart
 
     @property
     def sim_time(self) -> float:
@@ -77,6 +78,7 @@ class CommandScheduler:
         effect_time = (tick + self._delay_ticks) * self._facts.tick_period if is_delayed else None
         if deliver(effect_time) and is_answer:
             self._last_answered_tick = max(self._last_answered_tick, tick)
+            self._unanswered.discard(tick)
 
     @property
     def awaited_stamp(self) -> float | None:
@@ -85,9 +87,33 @@ class CommandScheduler:
         """
         answered = self._endpoint.tick - self._delay_ticks
         is_awaited = self._wait_period > 0 and answered >= 0 and answered % self._wait_period == 0
-        if self._facts.realtime or not is_awaited or self._last_answered_tick >= answered:
+        if self._facts.realtime or not is_awaited:
+            return None
+        if self._last_answered_tick >= answered and answered not in self._unanswered:
             return None
         return answered * self._facts.tick_period
+
+    @property
+    def unanswered_ticks(self) -> frozenset[int]:
+        """Ticks before a restart whose answers are awaited, now or later, and were lost."""
+        first = self._endpoint.tick - self._delay_ticks
+        return frozenset(tick for tick in self._unanswered if tick >= first)
+
+    def resume(self) -> None:
+        """Continue after a restart: await the answers that have not arrived before it.
+
+        Of a state before the restart its own answer is awaited, not only a later one.
+        """
+        if self._facts.realtime or not self._wait_period:
+            return
+        tick, period = self._endpoint.tick, self._facts.tick_period
+        arrived = {round(time / period) for time in self.arbiter.delayed_effect_times}
+        self._last_answered_tick = tick
+        self._unanswered = {
+            answered
+            for answered in range(max(tick - self._delay_ticks, 0), tick + 1)
+            if answered % self._wait_period == 0 and answered + self._delay_ticks not in arrived
+        }
 
     @property
     def has_answers(self) -> bool:
@@ -95,7 +121,8 @@ class CommandScheduler:
         transit when the process dies is lost."""
         if not (self._delay_ticks and self._wait_period):
             return True
-        return self._last_answered_tick >= self._endpoint.tick - self._wait_period
+        last_tick = self._endpoint.tick - self._wait_period
+        return self._last_answered_tick >= last_tick and not self.unanswered_ticks
 
     @property
     def num_delayed_states(self) -> int:

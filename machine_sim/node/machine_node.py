@@ -27,7 +27,7 @@ from machine_sim.node.machine_instance import (
     find_input_files,
 )
 from machine_sim.node.machine_journal import MachineJournal, MachineRunBegin
-from machine_sim.node.machine_recovery import RunSetup, continue_run
+from machine_sim.node.machine_recovery import LastTicks, RunSetup, continue_run
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.node.machine_transport import MachineTransport
 from machine_sim.node.machine_waits import SoilContact, find_machine_waits
@@ -55,7 +55,7 @@ from msg_bridge.nodes.duplicate_node import check_no_other_node
 from msg_bridge.nodes.endpoint_monitor import EndpointMonitor
 from msg_bridge.nodes.process_main import run_node
 from msg_bridge.nodes.ros_parameters import declare_parameters, on_parameter_change
-from msg_bridge.nodes.sim_node import HeldPublications, SimNode
+from msg_bridge.nodes.sim_node import SimNode
 from msg_bridge.nodes.subscriber_matching import unmatched_topics
 from msg_bridge.nodes.subscription_poller import SubscriptionPoller
 from msg_bridge.nodes.wait_log import Wait, WaitLog
@@ -122,7 +122,7 @@ class MachineNode(SimNode):
             remedy = "start each machine node in its own namespace, with its own machine_id"
             check_no_other_node(self, [topics.MACHINE_TICK, *states], deadline, remedy=remedy)
         self._recovery = NodeRecovery.of_node(recovery, self)
-        self._held: HeldPublications | None = None  # until subscribers are discovered
+        self._last_ticks = LastTicks()  # before a restart
         self.run: MachineRun | None = None
         machine_types = ", ".join(instance.spec.name for instance in self.instances)
         simulation = parent_namespace(self.get_namespace())
@@ -143,8 +143,7 @@ class MachineNode(SimNode):
         self._session_log = SessionLog(
             self.get_logger(), self.diagnostics, self._params.machine_id, self.instances
         )
-        self._leaving = False
-        self._published_session_id = -1
+        self._leaving, self._published_session_id = False, -1
         reject = self.diagnostics.reject
         self._poller = SubscriptionPoller(self, self._advance)
         key_file = self._params.exchange_key_file
@@ -236,8 +235,7 @@ class MachineNode(SimNode):
 
     def _start_new_run(self) -> None:
         """Set up the machines for a run that has begun, and join it."""
-        is_silent = self._soil_contact.is_silent
-        new_run = self._membership.new_run(self.run, soil_is_silent=is_silent)
+        new_run = self._membership.new_run(self.run, soil_is_silent=self._soil_contact.is_silent)
         if new_run is None or self._leaving:
             return
         facts, keyframe = new_run
@@ -250,7 +248,7 @@ class MachineNode(SimNode):
             self.run.close()
             for instance in self.instances:
                 instance.arbiter.reset()
-        self._held = None
+        self._last_ticks = LastTicks()
         self._published_session_id = -1
         self._enter_run(run, config)
         machines = describe_machines(self._params.machine_id, self.instances)
@@ -285,18 +283,22 @@ class MachineNode(SimNode):
         found = continue_run(self._recovery, setup)
         if found is None:
             return
-        run, begin, self._held = found
+        run, begin, self._last_ticks = found
         self._membership.resume(begin.facts, begin.keyframe)
         self._published_session_id = run.endpoint.exchange.session_id
         self._enter_run(run, begin.config)
 
-    def _publish_held(self) -> None:
+    def _publish_last_ticks(self, run: MachineRun) -> None:
         """Publish the last ticks of a continued run again, once there are subscribers."""
         if not (self._recovery.is_settling or self._membership.find_missing_subscribers()):
-            for publish in self._held or ():
-                publish()
-            self._held = None
+            self._last_ticks.publish()
+            self._repeat_state(run)
             self._advance()
+
+    def _repeat_state(self, run: MachineRun) -> None:
+        """Publish the state for new controllers, and those before whose answers were lost."""
+        self._last_ticks.publish_unanswered_states(run)
+        self._node_publishers.publish_state(run, self._params)
 
     def _find_waits(self) -> Iterable[Wait]:
         if self._leaving:
@@ -320,7 +322,7 @@ class MachineNode(SimNode):
             self._session_log.log_joined(run, is_first=self._published_session_id < 0)
             self._published_session_id = exchange.session_id
             self._node_publishers.publish_state(run, self._params)
-        if run.endpoint.is_ready and self._held is None:
+        if run.endpoint.is_ready and self._last_ticks.is_published:
             self._command_poller.take_all()  # commands that have arrived by now apply
             self._emergency_stops.take_all()
             if run.can_step or self._leaving:
@@ -359,11 +361,10 @@ class MachineNode(SimNode):
         run = self.run
         if run is None or (self._leaving and not run.endpoint.exchange.joined):
             return
-        if self._held is not None:
-            self._publish_held()
+        if not self._last_ticks.is_published:
+            self._publish_last_ticks(run)
         elif run.endpoint.exchange.join_state is JoinState.READY and not run.can_step:
-            # For a controller that has just started.
-            self._node_publishers.publish_state(run, self._params)
+            self._repeat_state(run)
             self._node_publishers.publish_state_hash(run)
         self._membership.recover(run, time.monotonic())
         if self._membership.facts is not None and self._membership.facts.run_id != run.facts.run_id:

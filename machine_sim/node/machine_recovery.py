@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from types import MappingProxyType
 from typing import NamedTuple
 
 from machine_sim.commands import AppliedCommand
@@ -29,7 +30,9 @@ from msg_bridge.recovery.errors import DivergenceError, RecoveryError
 from msg_bridge.recovery.node_recovery import NodeRecovery
 from msg_bridge.recovery.run_journal import SavedRun
 
-__all__ = ["ContinuedRun", "RunSetup", "continue_run"]
+__all__ = ["ContinuedRun", "LastTicks", "RunSetup", "continue_run"]
+
+_NONE: Mapping[int, HeldPublications] = MappingProxyType({})
 
 _MIN_REPEATED_TICKS = 3
 """Minimum number of the last ticks that are published again: the process may have died before."""
@@ -79,18 +82,49 @@ class RunSetup(NamedTuple):
         return of_tick, of_state
 
 
+class LastTicks:
+    """The last ticks of a run before a restart, to be published again.
+
+    Attributes:
+        is_published: whether all but the states is published.
+    """
+
+    def __init__(
+        self, publications: HeldPublications = (), states: Mapping[int, HeldPublications] = _NONE
+    ) -> None:
+        """
+        Args:
+            publications: all but the states.
+            states: the state after each tick, by tick.
+        """
+        self._publications, self._states = publications, states
+        self.is_published = not publications
+
+    def publish(self) -> None:
+        """Publish the ticks without the states."""
+        for publish in self._publications:
+            publish()
+        self.is_published = True
+
+    def publish_unanswered_states(self, run: MachineRun) -> None:
+        """Publish the states before the present one whose answers were lost."""
+        for tick in sorted(run.unanswered_ticks & self._states.keys() - {run.tick}):
+            for publish in self._states[tick]:
+                publish()
+
+
 class ContinuedRun(NamedTuple):
     """A run that continues.
 
     Attributes:
         run: the machines as they were when their process ended.
         begin: what their run began with.
-        publications: those of its last ticks, to be published again.
+        last_ticks: its last ticks.
     """
 
     run: MachineRun
     begin: MachineRunBegin
-    publications: HeldPublications
+    last_ticks: LastTicks
 
 
 def continue_run(recovery: NodeRecovery, setup: RunSetup) -> ContinuedRun | None:
@@ -106,11 +140,11 @@ def continue_run(recovery: NodeRecovery, setup: RunSetup) -> ContinuedRun | None
     begin: MachineRunBegin = saved.begin
     try:
         try:
-            run, restored, publications = _restored_run(setup, saved, skip=False)
+            run, restored, last_ticks = _restored_run(setup, saved, skip=False)
         except DivergenceError as error:
             recovery.warn(str(error))
             saved = recovery.saved_run() or saved  # the state before it was changed
-            run, restored, publications = _restored_run(setup, saved, skip=True)
+            run, restored, last_ticks = _restored_run(setup, saved, skip=True)
     except EarthmovingError as error:
         recovery.reject(str(error))
         return None
@@ -122,13 +156,13 @@ def continue_run(recovery: NodeRecovery, setup: RunSetup) -> ContinuedRun | None
             " then,"
         )
     recovery.resume(saved, what)
-    return ContinuedRun(run, begin, publications)
+    return ContinuedRun(run, begin, last_ticks)
 
 
 def _restored_run(
     setup: RunSetup, saved: SavedRun, *, skip: bool
-) -> tuple[MachineRun, RestoredMachines, HeldPublications]:
-    """Return the machines of a saved run, what they continue from, and their last publications.
+) -> tuple[MachineRun, RestoredMachines, LastTicks]:
+    """Return the machines of a saved run, what they continue from, and their last ticks.
 
     Args:
         setup: how the node sets up its runs.
@@ -150,7 +184,7 @@ def _restored_run(
         setup.publishers.reset(setup.params.seed)
         num_ticks = max(_MIN_REPEATED_TICKS, run.num_delayed_states)
         num_left = saved.num_records  # records that are not processed yet
-        last: deque[tuple[HeldPublications, HeldPublications]] = deque(maxlen=num_ticks)
+        last: deque[tuple[int, HeldPublications, HeldPublications]] = deque(maxlen=num_ticks)
 
         def count(records: Iterator[object]) -> Iterator[object]:
             nonlocal num_left
@@ -164,17 +198,13 @@ def _restored_run(
             if state.endpoint.tick < 0 or num_left > _MAX_RECORDS_PER_TICK * num_ticks:
                 return
             run.resume(state)
-            last.append(setup.hold_tick(run, commands, messages))
+            last.append((run.tick, *setup.hold_tick(run, commands, messages)))
 
         saved = saved._replace(records=count(saved.records))
         restored = restore(saved, run.state, publish, skip=skip)
     except BaseException:
         run.close()
         raise
-    publications: HeldPublications = []
-    for k, (of_tick, of_state) in enumerate(last):
-        publications += of_tick
-        # A command that answers an older state has taken effect, and must not be given again.
-        if k >= len(last) - run.num_delayed_states:
-            publications += of_state
-    return run, restored, publications
+    publications = [each for _, of_tick, _ in last for each in of_tick]
+    states = {tick: of_state for tick, _, of_state in last}
+    return run, restored, LastTicks(publications, states)

@@ -106,6 +106,8 @@ class MachineRun:
         self.progress = state.progress
         for instance, arbiter in zip(self._instances, state.arbiters, strict=True):
             instance.arbiter.restore(arbiter)
+        for scheduler in self.schedulers:
+            scheduler.resume()
 
     def continue_from(self, other: MachineRun) -> None:
         """Continue the run of machines that may have other parameters; see `MachineSim`.
@@ -164,6 +166,11 @@ class MachineRun:
             for instance, scheduler in zip(self._instances, self.schedulers, strict=True)
         }
         return {name: stamp for name, stamp in stamps.items() if stamp is not None}
+
+    @property
+    def unanswered_ticks(self) -> frozenset[int]:
+        """Ticks before a restart of the node whose answers were lost and are awaited."""
+        return frozenset().union(*(each.unanswered_ticks for each in self.schedulers))
 
     @property
     def num_delayed_states(self) -> int:

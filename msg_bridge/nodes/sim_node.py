@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -14,14 +14,14 @@ from rclpy.publisher import Publisher
 
 __all__ = ["HeldPublications", "SimNode"]
 
-HeldPublications = list[Callable[[], None]]
+HeldPublications = Sequence[Callable[[], None]]
 """Publications in their order; a call publishes one."""
 
 
 class _HoldablePublisher(Publisher):
     """Publisher whose messages can be held; see `SimNode.hold_publications`."""
 
-    held: HeldPublications | None = None
+    held: list[Callable[[], None]] | None = None
 
     def publish(self, msg: Any) -> None:
         """As `Publisher.publish`, or hold the message."""
@@ -45,7 +45,7 @@ class SimNode(Node):
     @contextmanager
     def hold_publications(self) -> Iterator[HeldPublications]:
         """Hold what the node publishes in this context, and give it as it is added."""
-        held: HeldPublications = []
+        held: list[Callable[[], None]] = []
         publishers = [each for each in self.publishers if isinstance(each, _HoldablePublisher)]
         for publisher in publishers:
             publisher.held = held
