@@ -2,6 +2,10 @@
 
 The soil actually in the columns that lose height is removed, in bank volume, and divided among the
 columns of the same failure that gain height, exactly. No soil is transferred between failures.
+
+Soil of several kinds and moistures is not mixed over a failure: along a path through it, what is
+lost first is deposited first. The path crosses the failure to and fro in strips, from one end of
+its longer side to the other, so that soil stays at that end and on that side at which it failed.
 """
 
 from __future__ import annotations
@@ -10,10 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.kernels import helper, kernel
-from soil_sim.columns.operations import add_loose, remove_from_column, stochastic_round
+from soil_sim.columns.operations import add_loose, remove_from_column
 from soil_sim.columns.state import Columns
 
 __all__ = ["redistribute"]
+
+_STRIP_WIDTH = 8
+"""Width of the strips in which a path crosses a failure [cells]: a cache line of a layer."""
 
 
 def redistribute(
@@ -34,9 +41,8 @@ def redistribute(
     if rows.size == 0:
         return np.zeros(0, dtype=np.int64)
     failure = _label_balanced_failures(change, rows, cols, reach)
-    order = np.argsort(failure, kind="stable")
+    order, bounds = _order_along_paths(failure, rows, cols)
     cells = (rows + corner[0]) * columns.grid.cols + cols + corner[1]
-    bounds = np.concatenate([[0], np.flatnonzero(np.diff(failure[order])) + 1, [cells.size]])
     _redistribute(columns.arrays, cells[order], change[rows, cols][order], bounds)
     return np.asarray(cells, dtype=np.int64)
 
@@ -107,6 +113,54 @@ def _fill_component(block, i, j, number, stack):  # type: ignore[no-untyped-def]
 
 
 @kernel
+def _order_along_paths(failure, rows, cols):  # type: ignore[no-untyped-def]
+    """Return the order of columns along the path through their failure.
+
+    Args:
+        failure: number of the failure of each column, from 1.
+        rows, cols: its position.
+
+    Returns:
+        (indices, failure by failure; index of the first column of each failure in their order, and
+        the number of columns).
+    """
+    num_failures = failure.max()
+    low, high = np.empty((2, num_failures), np.int64), np.empty((2, num_failures), np.int64)
+    low[:], high[:] = np.iinfo(np.int64).max, -1
+    for m in range(failure.size):
+        n = failure[m] - 1
+        low[0, n], high[0, n] = min(low[0, n], rows[m]), max(high[0, n], rows[m])
+        low[1, n], high[1, n] = min(low[1, n], cols[m]), max(high[1, n], cols[m])
+    # Counting sort by strip and position across it; numbers of a failure follow those before it.
+    first_key = np.zeros(num_failures + 1, np.int64)
+    for n in range(num_failures):
+        sides = high[0, n] - low[0, n] + 1, high[1, n] - low[1, n] + 1
+        num_strips = (max(sides) - 1) // _STRIP_WIDTH + 1
+        first_key[n + 1] = first_key[n] + num_strips * min(sides)
+    keys = np.empty(failure.size, np.int64)
+    starts = np.zeros(first_key[num_failures] + 1, np.int64)
+    for m in range(failure.size):
+        n = failure[m] - 1
+        along, across = rows[m] - low[0, n], cols[m] - low[1, n]
+        width = high[1, n] - low[1, n] + 1
+        if width > high[0, n] - low[0, n] + 1:
+            along, across, width = across, along, high[0, n] - low[0, n] + 1
+        strip = along // _STRIP_WIDTH
+        if strip % 2 == 1:
+            across = width - 1 - across
+        keys[m] = first_key[n] + strip * width + across
+        starts[keys[m] + 1] += 1
+    for key in range(starts.size - 1):
+        starts[key + 1] += starts[key]
+    bounds = starts[first_key]
+    order = np.empty(failure.size, np.int64)
+    for m in range(failure.size):
+        order[starts[keys[m]]] = m
+        starts[keys[m]] += 1
+    return order, bounds
+
+
+@kernel
 def _redistribute(columns, cells, change, bounds):  # type: ignore[no-untyped-def]
     """Remove soil from the columns that lose height, and divide it among those that gain.
 
@@ -114,15 +168,17 @@ def _redistribute(columns, cells, change, bounds):  # type: ignore[no-untyped-de
 
     Args:
         columns: `ColumnArrays` of the terrain; changed.
-        cells: flat indices of the columns, sorted by failure.
+        cells: flat indices of the columns, sorted by failure, and in it along its longer side.
         change: planned changes of height [m], none of them 0.
         bounds: index of the first column of each failure, and the number of columns.
     """
+    volumes = np.empty(2 * cells.size, np.int64)  # lots of soil that was lost, in order
+    kinds, moistures = np.empty(volumes.size, np.uint8), np.empty(volumes.size, np.uint8)
     for n in range(bounds.size - 1):
         first, end = bounds[n], bounds[n + 1]
         bank = np.int64(0)
-        water = total_gain = 0.0
-        kind = columns.soil[cells[first]]
+        total_gain = 0.0
+        count = 0
         last = -1  # index of the last column that gains
         for m in range(first, end):
             i = cells[m]
@@ -130,26 +186,41 @@ def _redistribute(columns, cells, change, bounds):  # type: ignore[no-untyped-de
                 total_gain += change[m]
                 last = m
                 continue
+            kind, moisture = columns.loose_soil[i], columns.loose_moisture[i]
             loose, firm = remove_from_column(columns, i, -change[m] / columns.metres_per_mm3)
             bank += loose + firm
-            water += 1.0 * loose * columns.loose_moisture[i] + 1.0 * firm * columns.moisture[i]
-        if bank == 0:
-            continue
-        moisture = stochastic_round(water / bank, bank)
-        bulking_factor = columns.bulking_factor[kind]
+            lots = ((loose, kind, moisture), (firm, columns.soil[i], columns.moisture[i]))
+            for volume, kind, moisture in lots:
+                if volume == 0:
+                    continue
+                if count > 0 and kinds[count - 1] == kind and moistures[count - 1] == moisture:
+                    volumes[count - 1] += volume
+                    continue
+                volumes[count], kinds[count], moistures[count] = volume, kind, moisture
+                count += 1
         if last < 0:  # by rounding no column gains: the soil stays where it was
-            bulk = np.int64(bank * bulking_factor + 0.5)
-            add_loose(columns, cells[first], bank, bulk, kind, moisture)
+            for lot in range(count):
+                _add_lot(columns, cells[first], volumes[lot], kinds[lot], moistures[lot])
             continue
         # Rounding cumulative volumes, not the volumes themselves, keeps their sum exact.
         distributed, gain = np.int64(0), 0.0
+        lot = 0
         for m in range(first, end):
             if change[m] <= 0.0:
                 continue
             gain += change[m]
             cumulative = bank if m == last else np.int64(bank * min(gain / total_gain, 1.0))
-            volume = cumulative - distributed
-            if volume > 0:
-                bulk = np.int64(volume * bulking_factor + 0.5)
-                add_loose(columns, cells[m], volume, bulk, kind, moisture)
-            distributed = max(distributed, cumulative)
+            while distributed < cumulative:
+                volume = min(cumulative - distributed, volumes[lot])
+                _add_lot(columns, cells[m], volume, kinds[lot], moistures[lot])
+                distributed += volume
+                volumes[lot] -= volume
+                if volumes[lot] == 0:
+                    lot += 1
+
+
+@helper(inline="always")
+def _add_lot(columns, i, bank, kind, moisture):  # type: ignore[no-untyped-def]
+    """Deposit soil of a bank volume [mm^3], freshly loosened, on column i."""
+    bulk = np.int64(bank * columns.bulking_factor[kind] + 0.5)
+    add_loose(columns, i, bank, bulk, kind, moisture)

@@ -48,27 +48,33 @@ class RetainedPairs(NamedTuple):
     starts: NDArray[np.int64]
 
 
-def pair_directions(neighbours: NDArray[np.int64], cell: float, tolerance: float) -> PairDirections:
+def pair_directions(
+    neighbours: NDArray[np.int64], cell: float, tolerance: float, *, is_uniform: bool = True
+) -> PairDirections:
     """Return the directions in which pairs are relaxed.
 
-    Of two opposite directions one is sufficient, and of parallel ones, as (1, 0) and (2, 0), the
-    shortest.
+    Of two opposite directions one is sufficient. Of parallel ones, as (1, 0) and (2, 0), the
+    shortest is, if all columns have one angle of repose; otherwise a column may be too steep
+    against a distant one beyond a column that stands steeper.
 
     Args:
         neighbours: (row, col) of the neighbours that soil slides to [cells], shape (n, 2).
         cell: distance between columns [m].
         tolerance: excess of height that is not relaxed over the whole neighbourhood [m].
+        is_uniform: whether all columns have one angle of repose.
     """
     offsets = np.array(
         [
             (int(di), int(dj))
             for di, dj in neighbours
-            if math.gcd(abs(int(di)), abs(int(dj))) == 1 and (di > 0 or (di == 0 and dj > 0))
+            if (di > 0 or (di == 0 and dj > 0))
+            and (not is_uniform or math.gcd(abs(int(di)), abs(int(dj))) == 1)
         ],
         dtype=np.int64,
     )
-    # Within a reach of 4, (1, 0) is applied four times in a row: the excesses add up.
-    repetitions = int(np.abs(neighbours).max()) // np.abs(offsets).max(axis=1)
+    repetitions = np.ones(len(offsets))
+    if is_uniform:  # within a reach of 4, (1, 0) is applied four times: the excesses add up
+        repetitions = int(np.abs(neighbours).max()) // np.abs(offsets).max(axis=1)
     return PairDirections(
         offsets,
         (np.hypot(*offsets.T) * cell).astype(np.float32),
@@ -114,7 +120,8 @@ def _find_retained(is_wall, walls, offsets, between):  # type: ignore[no-untyped
                     continue
                 if is_wall[row, col] or is_wall[to_row, to_col] or not is_wall[row + br, col + bc]:
                     continue
-                half = (row // offsets[k, 0]) % 2 if offsets[k, 0] > 0 else (col % 2)
+                di, dj = offsets[k]
+                half = (row // di if di > 0 else col // dj) % 2
                 found[count, 0] = 2 * k + half
                 found[count, 1], found[count, 2] = row * cols + col, to_row * cols + to_col
                 count += 1
@@ -122,15 +129,15 @@ def _find_retained(is_wall, walls, offsets, between):  # type: ignore[no-untyped
 
 
 @kernel
-def relax_pass(heights, floor, directions, retained, limits, fraction, backward):  # type: ignore[no-untyped-def]
+def relax_pass(heights, floor, tangents, directions, retained, fraction, backward):  # type: ignore[no-untyped-def]
     """Relax all pairs of a window once, in every direction.
 
     Args:
         heights: surface [m], shape (rows, cols), float32; changed.
         floor: height below which a column cannot give soil [m], shape (rows, cols), float32.
+        tangents: tangent of the angle of repose of each column, shape (rows, cols), float32.
         directions: `PairDirections`.
         retained: `RetainedPairs`.
-        limits: difference of height at the angle of repose in each direction [m], float32.
         fraction: fraction of the excess that the higher column gives, float32.
         backward: whether to take the directions in reverse order.
 
@@ -138,35 +145,34 @@ def relax_pass(heights, floor, directions, retained, limits, fraction, backward)
         Whether any soil moved, int32.
     """
     rows, cols = heights.shape
-    flat_heights, flat_floor = heights.reshape(-1), floor.reshape(-1)
+    flat_heights = heights.reshape(-1)
+    surface = (flat_heights, floor.reshape(-1), tangents.reshape(-1))
     count = directions.offsets.shape[0]
     has_moved = np.int32(0)
     heights_before = np.empty((retained.cells.shape[0], 2), np.float32)
+    is_in_half, transfers = np.empty(cols, np.float32), np.empty(cols, np.float32)
     for n in range(count):
         k = count - 1 - n if backward else n
         di, dj = directions.offsets[k]
         if di >= rows or abs(dj) >= cols:
             continue
         first, end = max(0, -dj), min(cols, cols - dj)
-        limit = (limits[k], directions.tolerance[k], fraction)
+        limit = (directions.distance[k], directions.tolerance[k], fraction)
         # No column is in two pairs at a time: one half of the pairs, then the other half.
         for half in range(2):
             group = retained.cells[
                 retained.starts[2 * k + half] : retained.starts[2 * k + half + 1]
             ]
             _level(flat_heights, group, heights_before)
+            if di == 0:
+                _in_half(is_in_half, dj, half)
             for i in range(rows - di):
-                a = np.uint64(i * cols + first)
+                a, b = np.uint64(i * cols + first), np.uint64((i + di) * cols + first + dj)
                 if di == 0:
-                    pairs = np.uint64((cols - half) // 2)
-                    has_moved |= _relax_within_row(
-                        flat_heights, flat_floor, a + np.uint64(half), pairs, *limit
-                    )
+                    scratch = (is_in_half[: cols - dj], transfers[: cols - dj])
+                    has_moved |= _relax_within_row(*surface, a, b, *scratch, *limit)
                 elif (i // di) % 2 == half:
-                    b = np.uint64((i + di) * cols + first + dj)
-                    has_moved |= _relax_between_rows(
-                        flat_heights, flat_floor, a, b, np.uint64(end - first), *limit
-                    )
+                    has_moved |= _relax_between_rows(*surface, a, b, np.uint64(end - first), *limit)
             for m in range(group.shape[0]):
                 for end_of_pair in range(2):
                     flat_heights[group[m, end_of_pair]] = heights_before[m, end_of_pair]
@@ -184,21 +190,17 @@ def _level(heights, pairs, heights_before):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _relax_between_rows(heights, floor, a, b, count, limit, tolerance, fraction):  # type: ignore[no-untyped-def]
-    """Relax the pairs of two rows, which begin at flat indices a and b."""
-    return _relax_pairs(heights, floor, a, b, np.uint64(1), count, limit, tolerance, fraction)
+def _in_half(is_in_half, dj, half):  # type: ignore[no-untyped-def]
+    """Write 1 for the first columns of the pairs of a half in a row, and 0 for all others."""
+    for j in range(is_in_half.size):
+        is_in_half[j] = (j // dj) % 2 == half
 
 
 @helper
-def _relax_within_row(heights, floor, a, count, limit, tolerance, fraction):  # type: ignore[no-untyped-def]
-    """Relax the pairs of adjacent columns in a row: a with a + 1, a + 2 with a + 3 ..."""
-    b, stride = a + np.uint64(1), np.uint64(2)
-    return _relax_pairs(heights, floor, a, b, stride, count, limit, tolerance, fraction)
-
-
-@helper(forceinline=True)
-def _relax_pairs(heights, floor, a, b, stride, count, limit, tolerance, fraction):  # type: ignore[no-untyped-def]
-    """Relax `count` pairs: a with b, a + stride with b + stride ...
+def _relax_between_rows(  # type: ignore[no-untyped-def]
+    heights, floor, tangents, a, b, count, distance, tolerance, fraction
+):
+    """Relax the pairs of two rows, which begin at flat indices a and b.
 
     Flat arrays and unsigned indices, so that the loop is compiled to vector instructions.
 
@@ -207,31 +209,55 @@ def _relax_pairs(heights, floor, a, b, stride, count, limit, tolerance, fraction
     """
     has_moved = np.int32(0)
     for n in range(count):
-        x, y = a + n * stride, b + n * stride
-        height_x, height_y = heights[x], heights[y]
-        transfer = _transfer(
-            height_x - height_y,
-            height_x - floor[x],
-            height_y - floor[y],
-            limit,
-            tolerance,
-            fraction,
+        transfer = _transfer(heights, floor, tangents, a + n, b + n, distance, tolerance, fraction)
+        has_moved |= np.int32(transfer != np.float32(0.0))
+        heights[a + n] -= transfer
+        heights[b + n] += transfer
+    return has_moved
+
+
+@helper
+def _relax_within_row(  # type: ignore[no-untyped-def]
+    heights, floor, tangents, a, b, is_in_half, transfers, distance, tolerance, fraction
+):
+    """Relax the pairs of columns in a row of which the first ones are marked.
+
+    The transfers of all columns are computed, for vector instructions, and those of the pairs used.
+
+    Args:
+        heights, floor, tangents, distance, tolerance, fraction: see `relax_pass`.
+        a, b: flat indices of the first column of the row and of its partner.
+        is_in_half: see `_in_half`.
+        transfers: scratch.
+
+    Returns:
+        Whether any soil moved, int32.
+    """
+    has_moved = np.int32(0)
+    count = np.uint64(transfers.size)
+    for n in range(count):
+        transfer = is_in_half[n] * _transfer(
+            heights, floor, tangents, a + n, b + n, distance, tolerance, fraction
         )
         has_moved |= np.int32(transfer != np.float32(0.0))
-        heights[x] = height_x - transfer
-        heights[y] = height_y + transfer
+        transfers[n] = transfer
+    for n in range(count):
+        heights[a + n] -= transfers[n]
+    for n in range(count):
+        heights[b + n] += transfers[n]
     return has_moved
 
 
 @helper(forceinline=True)
-def _transfer(drop, available_x, available_y, limit, tolerance, fraction):  # type: ignore[no-untyped-def]
-    """Return the height [m] that x gives to y, negative from y to x; without a branch.
-
-    `drop` is how much higher x is than y [m], and `available` is what each of them can give [m].
-    """
+def _transfer(heights, floor, tangents, x, y, distance, tolerance, fraction):  # type: ignore[no-untyped-def]
+    """Return the height [m] that column x gives to y, negative from y to x; without a branch."""
     zero = np.float32(0.0)
+    drop = heights[x] - heights[y]
+    available_x, available_y = heights[x] - floor[x], heights[y] - floor[y]
     available = available_x if drop > zero else available_y
-    excess = abs(drop) - limit
+    tangent_x, tangent_y = tangents[x], tangents[y]
+    tangent = tangent_x if drop > zero else tangent_y
+    excess = abs(drop) - tangent * distance
     transfer = fraction * excess
     transfer = available if available < transfer else transfer
     transfer = transfer if excess > tolerance else zero

@@ -15,21 +15,28 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.kernels import kernel
-from soil_sim.columns.occupancy import FREE
 from soil_sim.columns.state import Columns
 from soil_sim.slope_failure.redistribute import redistribute
-from soil_sim.slope_failure.relax_pairs import pair_directions, relax_pass, retained_pairs
+from soil_sim.slope_failure.relax_pairs import (
+    PairDirections,
+    pair_directions,
+    relax_pass,
+    retained_pairs,
+)
 from soil_sim.slope_failure.relaxation_parameters import RelaxationParameters
 from soil_sim.slope_failure.window import WindowBounds
+from soil_sim.slope_failure.window_surface import WindowSurface, copy_surface
 
 __all__ = ["WindowRelaxation"]
 
 _MARGIN_CELLS = 6
 """Margin around the disturbed columns that is relaxed, too, beyond the reach [cells]."""
 
-_WALL_HEIGHT = np.float32(1e6)
-"""Height of columns that neither give nor receive soil [m]."""
+_PAIRS_PER_VISIT = 100
+"""Pairs relaxed in the time of a cell visit."""
+
+_MAX_PASSES = 12
+"""Passes after which the window is adapted to the spread of the failure."""
 
 _INITIAL_FRACTION, _FINAL_FRACTION, _RAMP_PASSES = 0.5, 0.9, 8
 """Fraction of an excess that a column gives: first, later, and the number of passes between. A
@@ -50,7 +57,13 @@ class WindowRelaxation:
             params: angles of repose, neighbourhood and tolerance.
         """
         self._columns, self._params = columns, params
-        self._directions = pair_directions(params.offsets, columns.grid.cell, params.tolerance)
+        self._directions, self._all_directions = (
+            pair_directions(
+                params.offsets, columns.grid.cell, params.tolerance, is_uniform=is_uniform
+            )
+            for is_uniform in (True, False)
+        )
+        self._margin = _MARGIN_CELLS + params.reach
         self._active_bounds: WindowBounds | None = None
         self._num_passes = 0  # of the current relaxation
         self._touched: list[NDArray[np.int64]] = []
@@ -66,11 +79,6 @@ class WindowRelaxation:
         """Number of columns in the window of a running relaxation."""
         return 0 if self._active_bounds is None else self._active_bounds.num_cells
 
-    @property
-    def num_directions(self) -> int:
-        """Number of directions in which pairs are relaxed in a pass."""
-        return int(self._directions.offsets.shape[0])
-
     def bounds_including(self, cells: NDArray[np.int64]) -> WindowBounds:
         """Return a window with disturbed columns, a margin, and the window of a running relaxation.
 
@@ -83,49 +91,44 @@ class WindowRelaxation:
         bounds = self._bounds_with_margin(cells)
         return bounds if self._active_bounds is None else bounds.union(self._active_bounds)
 
-    def is_supported(self, bounds: WindowBounds) -> bool:
-        """Return whether a window has one kind of soil with one angle of repose, as passes need."""
-        columns = self._columns
-        return bool(
-            _is_uniform(columns.arrays, columns.tables.repose_tan, columns.grid.cols, bounds)
-        )
-
     def relax(
         self,
         bounds: WindowBounds,
         pending: NDArray[np.int64],
         occupied: NDArray[np.uint8],
-        max_passes: int,
-    ) -> bool:
-        """Relax a window in at most `max_passes` passes, from where the last call ended.
+        budget: int,
+    ) -> int:
+        """Relax a window, from where the last call ended, until it is at rest or a budget is spent.
+
+        Once it is at rest, `pop_touched` has the columns to relax one by one.
 
         Args:
             bounds: window of `bounds_including`.
             pending: flat indices of columns to relax one by one afterwards: only that detects a
                 drop beyond a neighbour that is stable.
             occupied: marks of `columns.occupancy`, shape (rows, cols).
-            max_passes: number of passes.
+            budget: number of cell visits; one pass is made at least.
 
         Returns:
-            Whether the window is at rest; then `pop_touched` has the columns to relax one by one.
+            The cost in cell visits.
         """
+        surface = copy_surface(self._columns, self._params, occupied, bounds)
+        heights = surface.heights.copy()
+        pass_cost = self._pass_cost(surface)
+        max_passes = max(1, min(budget // pass_cost, _MAX_PASSES))
         if self._active_bounds is None:
-            self._num_passes = 0
-        initial, floor = self._copy_heights(bounds, occupied)
-        is_tall = initial.shape[0] > initial.shape[1]
-        if is_tall:  # long rows are faster, and the directions are symmetric
-            initial, floor = np.ascontiguousarray(initial.T), np.ascontiguousarray(floor.T)
-        heights = initial.copy()
-        has_moved = self._run_passes(heights, floor, bounds, max_passes)
-        change = (heights - initial).astype(np.float64)
-        change = np.ascontiguousarray(change.T) if is_tall else change
+            # The first pass shows where anything moves at all, and loosens the soil. Not more at
+            # once: the soil swells when the plan is applied, which makes slopes gentler.
+            self._num_passes, max_passes = 0, 1
+        has_moved = self._run_passes(heights, surface, max_passes)
         corner = (bounds.first_row, bounds.first_col)
+        change = surface.changes_of(heights)
         cells = redistribute(self._columns, corner, change, self._params.reach)
         self._touched += [cells, pending]
         # Columns that have not moved are at rest, except around those that have.
         is_running = has_moved and cells.size > 0
         self._active_bounds = self._bounds_with_margin(cells) if is_running else None
-        return not is_running
+        return max_passes * pass_cost
 
     def pop_touched(self) -> NDArray[np.int64]:
         """Return the columns to relax one by one: near those pending, or that lost or gained.
@@ -151,21 +154,21 @@ class WindowRelaxation:
         near_rows, near_cols = np.nonzero(_window_min(is_far, self._params.reach) == 0)
         return (near_rows + bounds.first_row) * cols + near_cols + bounds.first_col
 
+    def _directions_of(self, surface: WindowSurface) -> PairDirections:
+        """Return the directions in which pairs of a window are relaxed."""
+        return self._directions if surface.is_uniform else self._all_directions
+
+    def _pass_cost(self, surface: WindowSurface) -> int:
+        """Return the cost of a pass [cell visits]."""
+        num_pairs = surface.heights.size * len(self._directions_of(surface).offsets)
+        return max(1, num_pairs // _PAIRS_PER_VISIT)
+
     def _run_passes(
-        self,
-        heights: NDArray[np.float32],
-        floor: NDArray[np.float32],
-        bounds: WindowBounds,
-        max_passes: int,
+        self, heights: NDArray[np.float32], surface: WindowSurface, max_passes: int
     ) -> bool:
         """Run passes until nothing moves; return whether the last one moved anything."""
-        columns = self._columns
-        corner = bounds.first_row, bounds.first_col  # all columns are of the same soil
-        repose_tan = columns.tables.repose_tan[
-            columns.top_soil[corner], columns.top_moisture[corner]
-        ]
-        limits = (repose_tan * self._directions.distance).astype(np.float32)
-        retained = retained_pairs(heights >= _WALL_HEIGHT, self._directions)
+        directions = self._directions_of(surface)
+        retained = retained_pairs(surface.is_wall, directions)
         has_moved = True
         done = 0
         while has_moved and done < max_passes:
@@ -175,10 +178,10 @@ class WindowRelaxation:
             has_moved = bool(
                 relax_pass(
                     heights,
-                    floor,
-                    self._directions,
+                    surface.floor,
+                    surface.tangents,
+                    directions,
                     retained,
-                    limits,
                     np.float32(fraction),
                     backward,
                 )
@@ -188,25 +191,11 @@ class WindowRelaxation:
         self.total_passes += done
         return has_moved
 
-    def _copy_heights(
-        self, bounds: WindowBounds, occupied: NDArray[np.uint8]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Return the heights of a window above its lowest point, and the stable firm soil [m]."""
-        columns, window = self._columns, bounds.slices
-        lowest = float(columns.height[window].min())
-        heights = (columns.height[window] - lowest).astype(np.float32)
-        floor = np.empty_like(heights)
-        _stable_floor(columns.arrays, self._params, bounds, lowest, floor)
-        # An occupied column is a wall: too high to receive soil, and without soil to give.
-        is_wall = occupied[window] != FREE
-        heights[is_wall] = floor[is_wall] = _WALL_HEIGHT
-        return heights, floor
-
     def _bounds_with_margin(self, cells: NDArray[np.int64]) -> WindowBounds:
         """Return the window with some columns (flat indices) and the margin around them."""
         grid = self._columns.grid
         bounds = WindowBounds.enclosing(cells, grid.cols)
-        return bounds.expanded(_MARGIN_CELLS + self._params.reach, grid.shape)
+        return bounds.expanded(self._margin, grid.shape)
 
 
 def _window_min(values: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
@@ -223,37 +212,3 @@ def _window_min(values: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
             smallest[a] = np.minimum(smallest[a], source[b])
             smallest[b] = np.minimum(smallest[b], source[a])
     return smallest
-
-
-@kernel
-def _stable_floor(columns, params, bounds, lowest, floor):  # type: ignore[no-untyped-def]
-    """Write the height above `lowest` [m] of the firm soil of a window that is stable to `floor`.
-
-    Of soil with cohesion all, after `fail_wedges`. All columns are of one kind of soil.
-    """
-    limit = params.stability.neighbour_height
-    for r in range(floor.shape[0]):
-        for c in range(floor.shape[1]):
-            i = (bounds.first_row + r) * params.cols + bounds.first_col + c
-            height = columns.floor
-            if limit[columns.soil[i], columns.moisture[i], 0] > 0.0:
-                height += columns.firm[i] * columns.metres_per_mm3
-            floor[r, c] = height - lowest
-
-
-@kernel
-def _is_uniform(columns, repose_tan, cols, bounds):  # type: ignore[no-untyped-def]
-    """Return whether all soil of a window is of one kind and has one angle of repose."""
-    first = bounds.first_row * cols + bounds.first_col
-    kind = columns.soil[first]
-    tangent = repose_tan[kind, columns.moisture[first]]
-    for r in range(bounds.first_row, bounds.end_row):
-        for i in range(r * cols + bounds.first_col, r * cols + bounds.end_col):
-            if columns.soil[i] != kind or repose_tan[kind, columns.moisture[i]] != tangent:
-                return False
-            if columns.loose[i] > 0 and (
-                columns.loose_soil[i] != kind
-                or repose_tan[kind, columns.loose_moisture[i]] != tangent
-            ):
-                return False
-    return True

@@ -47,14 +47,11 @@ _VISITS_PER_CALL = 500
 _VISITS_PER_CELL = 4
 """Expected cell visits for each column in the queue."""
 
+_MAX_VISITS_PER_CHECK = 2
+"""Maximum cell visits for a column that is at rest."""
+
 _MIN_VISITS_FOR_WINDOW = 1000
 """Cell visits below which relaxing a window is not considered."""
-
-_PAIRS_PER_VISIT = 100
-"""Pairs relaxed in the time of a cell visit."""
-
-_MAX_PASSES_PER_CALL = 12
-"""Passes after which the window is adapted to the spread of the failure."""
 
 
 class SlopeRelaxation:
@@ -95,7 +92,7 @@ class SlopeRelaxation:
         self.uses_windows = uses_windows
         self._first_index: NDArray[np.int32] = np.zeros(columns.height.size, dtype=np.int32)
         self._window_relaxation = WindowRelaxation(columns, self._params)
-        self._has_noise = noise.is_active
+        self._has_jitter = noise.jitter > 0.0
         self._num_visits = 0  # since all was at rest, or since the last window
         self._num_left_by_window = 0  # queued columns that the last window left
 
@@ -161,10 +158,9 @@ class SlopeRelaxation:
         spent = 0
         num_pending = self.num_pending
         while self.is_enabled and remaining > 0 and num_pending:
-            visits = 0
             if self._window_relaxation.is_running or self._is_window_cheaper():
                 visits = self._relax_window(remaining)
-            if visits == 0:
+            else:
                 visits = self._relax_cells(min(remaining, _VISITS_PER_CALL))
                 self._num_visits += visits
             spent += visits
@@ -193,35 +189,30 @@ class SlopeRelaxation:
             )
 
     def _is_window_cheaper(self) -> bool:
-        """Return whether cell visits cost as much as a window: about a visit for each column."""
+        """Return whether cell visits cost as much as a window: about a visit for each column.
+
+        Those in which the columns that the last window left are checked once do not count.
+        """
         num_new = max(queue_length(self._queue) - self._num_left_by_window, 0)
-        visits = self._num_visits + _VISITS_PER_CELL * num_new
-        if not self.uses_windows or visits < _MIN_VISITS_FOR_WINDOW:
+        num_checks = _MAX_VISITS_PER_CHECK * self._num_left_by_window
+        visits = self._num_visits - num_checks + _VISITS_PER_CELL * num_new
+        if not self.uses_windows or self._has_jitter or visits < _MIN_VISITS_FOR_WINDOW:
             return False
         bounds = self._window_relaxation.bounds_including(queued_cells(self._queue))
         return visits > bounds.num_cells
 
     def _relax_window(self, budget: int) -> int:
-        """Relax the window of all pending columns; return the cost in visits, 0 if unsupported."""
+        """Relax the window of all pending columns; return the cost in visits."""
         window, pending = self._window_relaxation, queued_cells(self._queue)
         bounds = window.bounds_including(pending)
-        if self._has_noise or not window.is_supported(bounds):
-            if window.is_running:
-                self._enqueue(window.pop_touched(), include_neighbours=False, is_lowered=True)
-            self._num_visits = 0  # not to be considered again at once
-            return 0
-        cost_per_pass = max(1, bounds.num_cells * window.num_directions // _PAIRS_PER_VISIT)
-        # The first pass shows where anything moves at all.
-        passes = 1
-        if window.is_running:
-            passes = max(1, min(budget // cost_per_pass, _MAX_PASSES_PER_CALL))
         clear(self._queue)
         fail_wedges(self._boxed_slopes, bounds)
-        if window.relax(bounds, pending, self.occupied, passes):
+        cost = window.relax(bounds, pending, self.occupied, budget)
+        if not window.is_running:
             # The remaining excess is small, and is relaxed column by column.
             self._enqueue(window.pop_touched(), include_neighbours=False, is_lowered=True)
             self._num_visits, self._num_left_by_window = 0, queue_length(self._queue)
-        return passes * cost_per_pass
+        return cost
 
     def _relax_cells(self, budget: int) -> int:
         """Relax queued columns one by one; return the number of visits."""

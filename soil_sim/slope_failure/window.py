@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.kernels import kernel
+
 __all__ = ["WindowBounds"]
 
 
@@ -31,8 +33,7 @@ class WindowBounds(NamedTuple):
             cells: flat indices of the columns, at least one.
             cols: number of columns of the map.
         """
-        i, j = np.divmod(cells, cols)
-        return cls(int(i.min()), int(i.max()) + 1, int(j.min()), int(j.max()) + 1)
+        return cls(*_enclose(cells, cols))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -72,3 +73,16 @@ class WindowBounds(NamedTuple):
             max(self.first_col - margin, 0),
             min(self.end_col + margin, shape[1]),
         )
+
+
+@kernel
+def _enclose(cells, cols):  # type: ignore[no-untyped-def]
+    """Return first row, end row, first column and end column of flat indices."""
+    first_row, end_row = cells[0] // cols, cells[0] // cols + 1
+    first_col, end_col = cols, 0
+    for i in cells:
+        row = i // cols
+        col = i - row * cols
+        first_row, end_row = min(first_row, row), max(end_row, row + 1)
+        first_col, end_col = min(first_col, col), max(end_col, col + 1)
+    return first_row, end_row, first_col, end_col

@@ -8,7 +8,7 @@ from support.soil_scenes import NO_DEPOSIT_REQUESTS, NO_SWEEPS, come_to_rest, ma
 
 from msg_bridge.contract.grid import Grid
 from soil_sim.slope_failure import gauss_circle_offsets
-from soil_sim.slope_failure.relax_pairs import pair_directions
+from soil_sim.slope_failure.relax_pairs import pair_directions, relax_pass, retained_pairs
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
 
@@ -93,13 +93,70 @@ def test_occupied_columns_neither_give_nor_receive_soil() -> None:
     assert soil.relaxation.num_window_passes > 0
 
 
-def test_ground_of_several_kinds_is_relaxed_cell_by_cell() -> None:
+@pytest.mark.parametrize(("axis", "min_shares"), [(0, (0.97, 0.97)), (1, (0.95, 0.85))])
+def test_soil_comes_to_rest_on_that_side_where_it_failed(
+    axis: int, min_shares: tuple[float, float]
+) -> None:
+    """Damp gravel meets dry sand in the middle, along a trench or across it."""
+    middle = 60 if axis == 0 else 49
     ids = np.zeros(GRID.shape, dtype=np.uint8)
-    ids[60:] = 1
+    np.moveaxis(ids, axis, 0)[middle:] = 1
     params = SoilParams(soil="gravel", additional_soils=("dry sand",))
-    soil = come_to_rest(trench(params, soil=ids))
-    assert soil.relaxation.num_window_passes == 0
+    soil = trench(params, soil=ids, moisture=np.where(ids == 0, 30, 0))
+    before = soil.total_mm3
+    come_to_rest(soil)
+    columns = soil.columns
+    assert soil.relaxation.num_window_passes > 3
+    assert soil.total_mm3 == columns.total_mm3 == before
     assert soil.relaxation.max_slope_excess() <= 0.004
+    loose, moisture, kind = (
+        np.moveaxis(layer, axis, 0).astype(float)
+        for layer in (columns.loose, columns.loose_moisture, columns.loose_soil)
+    )
+    sand = 1.0 - moisture / 30.0  # share of the sand in the loose soil
+    for part, share, min_share in zip(
+        (np.s_[: middle - 4], np.s_[middle + 4 :]), (1.0 - sand, sand), min_shares, strict=True
+    ):
+        assert (loose * share)[part].sum() > min_share * loose[part].sum() > 5e9
+    assert np.corrcoef(kind[loose > 0], sand[loose > 0])[0, 1] > 0.9
+
+
+@pytest.mark.parametrize("case", ["moisture", "noise"])
+def test_ground_whose_angle_of_repose_varies_is_relaxed_in_windows(case: str) -> None:
+    moisture = np.random.default_rng(1).integers(0, 21, GRID.shape, dtype=np.uint8)
+    if case == "moisture":
+        soil = trench(SoilParams(soil="dry sand"), moisture=moisture)
+    else:
+        soil = trench(SoilParams(soil="dry sand", repose_angle_noise=4.0))
+    before = soil.total_mm3
+    come_to_rest(soil)
+    assert soil.relaxation.num_window_passes > 3
+    assert soil.columns.total_mm3 == before
+    assert soil.relaxation.max_slope_excess() <= 0.004
+
+
+def test_passes_leave_no_pair_too_steep_where_angles_of_repose_differ() -> None:
+    rng = np.random.default_rng(3)
+    heights = rng.uniform(0.0, 3.0, (23, 40)).astype(np.float32)
+    heights[9:12, 10:30] = 9.0
+    floor = np.zeros_like(heights)
+    tangents = rng.uniform(0.3, 0.9, heights.shape).astype(np.float32)
+    neighbours, tolerance, total = gauss_circle_offsets(4.0), 0.001, float(heights.sum())
+    directions = pair_directions(neighbours, 0.2, tolerance, is_uniform=False)
+    retained = retained_pairs(np.zeros(heights.shape, dtype=bool), directions)
+    surface = (heights, floor, tangents, directions, retained)
+    for backward in (False, True) * 200:
+        if not relax_pass(*surface, np.float32(0.9), backward):
+            break
+    else:
+        pytest.fail("soil still moves")
+    assert float(heights.sum()) == pytest.approx(total, rel=1e-5)
+    for di, dj in neighbours:
+        distance = 0.2 * np.hypot(di, dj)
+        inside = np.s_[4:-4, 4:-4]
+        beside = np.roll(heights, (-di, -dj), axis=(0, 1))
+        excess = (heights - beside - tangents * distance)[inside]
+        assert excess.max() <= 1.01 * tolerance, (di, dj)
 
 
 def test_stable_wall_of_clay_does_not_fail() -> None:
