@@ -16,7 +16,7 @@ import os
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -57,6 +57,8 @@ CYCLE_TIME = 8.0
 """Simulation time of a dig cycle [s]."""
 DRIVE_TIMES = (3.5, 7.5)
 """Start and end of driving in a cycle [s]."""
+FLAT_SITE: Mapping[str, object] = {"terrain": "flat", "num_points": 257, "cell": 0.2}
+
 TRACK_SPEEDS = ((0.8, 0.8), (-0.5, 0.5), (-0.8, -0.8), (0.6, 0.2))
 """Speeds of the left and the right track in successive cycles [m/s]."""
 
@@ -89,6 +91,9 @@ def main() -> None:
         "--track-model", choices=TRACK_MODELS, default="kinematic", help="model of the tracks"
     )
     parser.add_argument("--cores", type=int, help="number of cores for all nodes (all)")
+    parser.add_argument(
+        "--num-points", type=int, default=257, help="rows and columns of the terrain (257)"
+    )
     options = parser.parse_args()
     if options.cores:
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: options.cores])
@@ -97,7 +102,13 @@ def main() -> None:
     table.print_header("machines")
     for count in options.machines:
         results = [
-            run_machines(count, options.seconds, options.track_model, drives=options.drive)
+            run_machines(
+                count,
+                options.seconds,
+                options.track_model,
+                drives=options.drive,
+                num_points=options.num_points,
+            )
             for _ in range(options.runs)
         ]
         medians = [statistics.median(values) for values in zip(*results, strict=True)]
@@ -106,7 +117,12 @@ def main() -> None:
 
 
 def run_machines(
-    count: int, seconds: float, track_model: TrackModel = "kinematic", *, drives: bool = False
+    count: int,
+    seconds: float,
+    track_model: TrackModel = "kinematic",
+    *,
+    drives: bool = False,
+    num_points: int = 257,
 ) -> LoadResult:
     """Run a soil node and some machine nodes that dig, for some seconds of wall time.
 
@@ -115,11 +131,13 @@ def run_machines(
         seconds: wall time [s].
         track_model: model of their tracks.
         drives: whether they drive between digs, on rough ground.
+        num_points: rows and columns of the terrain.
     """
     with tempfile.TemporaryDirectory() as folder:
         script = DriveAndDigScript if drives else DigScript
         terrain = "rough" if drives else "flat"
-        run = DiggingNodes(Path(folder), count, script, terrain=terrain, track_model=track_model)
+        site = {"terrain": terrain, "num_points": num_points, "cell": 0.2}
+        run = DiggingNodes(Path(folder), count, script, site=site, track_model=track_model)
         try:
             run.spin_until(lambda: run.sim_time > 2.0, START_TIMEOUT)
             before = run.sample()
@@ -163,7 +181,7 @@ class DiggingNodes:
         count: int,
         make_script: Callable[[MachineSpec], DigScript] | None = None,
         *,
-        terrain: str = "flat",
+        site: Mapping[str, object] = FLAT_SITE,
         track_model: TrackModel = "kinematic",
     ) -> None:
         """Start soil and machines.
@@ -172,14 +190,14 @@ class DiggingNodes:
             folder: folder for parameters and logs.
             count: number of machines.
             make_script: makes the script of a machine; None: a `DigScript`.
-            terrain: terrain of the soil node.
+            site: parameters of the terrain.
             track_model: model of the tracks.
         """
         make_script = make_script or DigScript
         spec = load_machine_spec(find_config("machines/excavator.yaml"))
         names = [f"excavator_{k + 1}" for k in range(count)]
         parameters = folder / "parameters.yaml"
-        content = _parameters(spec, names, folder, terrain, track_model)
+        content = _parameters(spec, names, folder, site, track_model)
         parameters.write_text(yaml.safe_dump(content))
         use_shipped_profile()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
@@ -313,7 +331,11 @@ class DriveAndDigScript(DigScript):
 
 
 def _parameters(
-    spec: MachineSpec, names: list[str], folder: Path, terrain: str, track_model: TrackModel
+    spec: MachineSpec,
+    names: list[str],
+    folder: Path,
+    site: Mapping[str, object],
+    track_model: TrackModel,
 ) -> dict[str, object]:
     """Return the parameters of all nodes."""
     content = yaml.safe_load(find_config("machines/excavator.yaml").read_text())
@@ -324,7 +346,7 @@ def _parameters(
         "sync": "realtime",
         "expected_machines": [k + 1 for k in range(len(names))],
         "machine_timeout": 60.0,
-        "site": {"terrain": terrain, "num_points": 257, "cell": 0.2},
+        "site": dict(site),
     }
     nodes = {"/soil_sim": soil}
     for k, name in enumerate(names):

@@ -148,6 +148,7 @@ class MachineNode(SimNode):
         self._poller = SubscriptionPoller(self, self._advance)
         key_file = self._params.exchange_key_file
         self._transport = MachineTransport(self, self._poller, self._receive, reject, key_file)
+        self._transport.maps.is_needed = lambda n: self.run is None or self.run.needs_map(n)
         self._config_topic = resolve(topics.SIM_CONFIG, simulation)
         self._poller.subscribe(String, self._config_topic, qos.TRANSIENT_LOCAL, self._on_config)
         self._soil_contact = SoilContact()
@@ -193,8 +194,7 @@ class MachineNode(SimNode):
         if run is not None:
             run.close()
             self.run = self._machine_diagnostics.run = None
-        recovery = getattr(self, "_recovery", None)
-        if recovery is not None:
+        if recovery := getattr(self, "_recovery", None):
             recovery.close()
         super().destroy_node()
 

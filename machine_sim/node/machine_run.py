@@ -158,6 +158,10 @@ class MachineRun:
             scheduler.awaited_stamp is None for scheduler in self.schedulers
         )
 
+    def needs_map(self, run_id: int) -> bool:
+        """Return whether the terrain of a run is needed: of another run, or to join this one."""
+        return run_id != self.facts.run_id or not self.endpoint.exchange.joined
+
     @property
     def awaited_commands(self) -> dict[str, float]:
         """Minimum stamps of the commands that have not arrived yet [s], by machine."""

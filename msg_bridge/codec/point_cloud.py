@@ -20,7 +20,13 @@ from msg_bridge.codec.errors import CodecError
 from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.rows import Rows
 
-__all__ = ["from_point_cloud", "point_fields", "to_byte_array", "to_point_cloud"]
+__all__ = [
+    "allocate_point_cloud",
+    "from_point_cloud",
+    "point_fields",
+    "to_byte_array",
+    "to_point_cloud",
+]
 
 _DATATYPES = {
     np.dtype("u1"): PointField.UINT8,
@@ -44,23 +50,46 @@ def to_point_cloud(rows: Rows, frame_id: str, stamp: Time, *, height: int = 1) -
     Raises:
         CodecError: DTYPE or SHAPE.
     """
-    fields = point_fields(rows.dtype)
-    if rows.ndim != 1 or height < 1 or rows.size % height:
-        raise CodecError(
-            f"rows of shape {rows.shape} do not fill a cloud of height {height}", ErrorCode.SHAPE
-        )
-    width = rows.size // height
-    return PointCloud2(
+    if rows.ndim != 1:
+        raise CodecError(f"rows have shape {rows.shape}; give one dimension", ErrorCode.SHAPE)
+    msg, points = allocate_point_cloud(rows.size, rows.dtype, frame_id, stamp, height=height)
+    points[:] = rows
+    return msg
+
+
+def allocate_point_cloud(
+    count: int, dtype: np.dtype[np.void], frame_id: str, stamp: Time, *, height: int = 1
+) -> tuple[PointCloud2, Rows]:
+    """Return a message of zeros, and its rows, to be written.
+
+    For large clouds: an array that is given to a message is copied, once or twice.
+
+    Args:
+        count: number of rows.
+        dtype: that of the rows, as for `to_point_cloud`.
+        frame_id, stamp, height: as for `to_point_cloud`.
+
+    Raises:
+        CodecError: DTYPE or SHAPE.
+    """
+    fields = point_fields(dtype)
+    if height < 1 or count % height:
+        raise CodecError(f"{count} rows do not fill a cloud of height {height}", ErrorCode.SHAPE)
+    width = count // height
+    msg = PointCloud2(
         header=Header(stamp=stamp, frame_id=frame_id),
         height=height,
         width=width,
         fields=fields,
         is_bigendian=False,
-        point_step=rows.dtype.itemsize,
-        row_step=width * rows.dtype.itemsize,
-        data=to_byte_array(rows),
+        point_step=dtype.itemsize,
+        row_step=width * dtype.itemsize,
         is_dense=True,
     )
+    data = msg.data
+    data.append(0)
+    data *= count * dtype.itemsize
+    return msg, np.frombuffer(data, dtype=dtype)
 
 
 def from_point_cloud(msg: PointCloud2, dtype: np.dtype[np.void]) -> Rows:
@@ -96,8 +125,8 @@ def from_point_cloud(msg: PointCloud2, dtype: np.dtype[np.void]) -> Rows:
 def to_byte_array(values: NDArray[Any]) -> array.array[int]:
     """Return the bytes of an array in row-major order, copied once.
 
-    A message keeps an `array.array` as it is. Anything else it copies again or, if
-    ROS_PYTHON_CHECK_FIELDS is set, checks byte by byte.
+    For a field of a message: other sequences are checked byte by byte if ROS_PYTHON_CHECK_FIELDS is
+    set.
     """
     data = array.array("B")
     data.frombytes(np.ascontiguousarray(values).reshape(-1).view(np.uint8).data)

@@ -20,7 +20,7 @@ from sensor_msgs.msg import PointCloud2
 
 from msg_bridge.codec.errors import CodecError
 from msg_bridge.codec.grid_estimation import cell_positions, grid_of_cells
-from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
+from msg_bridge.codec.point_cloud import allocate_point_cloud, from_point_cloud
 from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.contract.rows import Rows
@@ -30,6 +30,7 @@ __all__ = [
     "TerrainMap",
     "from_terrain_cloud",
     "keyframe_from_terrain_cloud",
+    "run_id_of_terrain_cloud",
     "to_terrain_cloud",
 ]
 
@@ -52,6 +53,9 @@ TERRAIN_CELL = np.dtype(
 and moisture as integers."""
 
 _MAX_VOLUME_MM3 = 2**53
+
+_BAND_BYTES = 2**18
+"""Size of a band of rows that is encoded at once."""
 
 _MAX_VALUES = {"surface_material": 2, "moisture": 100, "soil": 255}
 """Largest value of each integer layer."""
@@ -141,18 +145,27 @@ def to_terrain_cloud(terrain: TerrainMap, frame_id: str, stamp: Time) -> PointCl
             f"columns hold {volume.min()} to {volume.max()} mm^3; give 0 to 2**53 - 1",
             ErrorCode.VALUE,
         )
-    cells = np.empty(grid.shape, dtype=TERRAIN_CELL)
-    cells["x"], cells["y"] = cell_positions(grid)
-    cells["z"] = frame.elevation
-    cells["loose_depth"] = terrain.loose_depth
-    cells["surface_material"] = terrain.surface_material
-    cells["moisture"] = terrain.moisture
-    cells["soil"] = terrain.soil
-    cells["design_difference"] = terrain.design_difference
-    cells["volume_mm3"] = volume
-    cells["revision"] = frame.revision
-    cells["run_id"] = frame.run_id
-    return to_point_cloud(cells.reshape(-1), frame_id, stamp, height=grid.rows)
+    msg, points = allocate_point_cloud(
+        grid.rows * grid.cols, TERRAIN_CELL, frame_id, stamp, height=grid.rows
+    )
+    cells = points.reshape(grid.shape)
+    x, y = cell_positions(grid)
+    # In bands that stay in the cache: each field is written to all cells of a band in turn.
+    band_rows = max(1, _BAND_BYTES // (grid.cols * TERRAIN_CELL.itemsize))
+    for first in range(0, grid.rows, band_rows):
+        rows = slice(first, first + band_rows)
+        band = cells[rows]
+        band["x"], band["y"] = x[rows], y
+        band["z"] = frame.elevation[rows]
+        band["loose_depth"] = terrain.loose_depth[rows]
+        band["surface_material"] = terrain.surface_material[rows]
+        band["moisture"] = terrain.moisture[rows]
+        band["soil"] = terrain.soil[rows]
+        band["design_difference"] = terrain.design_difference[rows]
+        band["volume_mm3"] = volume[rows]
+        band["revision"] = frame.revision
+        band["run_id"] = frame.run_id
+    return msg
 
 
 def from_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> TerrainMap:
@@ -188,6 +201,15 @@ def keyframe_from_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) 
         CodecError: as `from_terrain_cloud`.
     """
     return _keyframe_from_cells(_cells_from_cloud(msg), cell)
+
+
+def run_id_of_terrain_cloud(msg: PointCloud2) -> int:
+    """Return the run id in the first point of a terrain, without decoding all of it.
+
+    Raises:
+        CodecError: as `from_point_cloud`.
+    """
+    return int(from_point_cloud(msg, TERRAIN_CELL)["run_id"][0])
 
 
 def _cells_from_cloud(msg: PointCloud2) -> Rows:

@@ -198,7 +198,7 @@ _MACHINE_NODE = (
 _TERRAIN = (
     Endpoint(
         topics.TERRAIN_MAP, _CLOUD, _SIM, (SOIL,), (MACHINE, OPERATOR, *_PAGES), "TRANSIENT_LOCAL",
-        "`map_rate`, at most 2 Hz, if changed",
+        "`map_rate`, at most 2 Hz, if changed; large terrains less often, and for new subscribers",
         "keyframe, organised (rows x cols): `x y z` [m], `loose_depth` [m], `surface_material`,"
         " `moisture` [%], `soil`, `design_difference` [m], `volume_mm3`, `revision`, `run_id`",
     ),

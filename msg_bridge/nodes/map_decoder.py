@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from sensor_msgs.msg import PointCloud2
 
-from msg_bridge.codec.terrain import keyframe_from_terrain_cloud
+from msg_bridge.codec.terrain import keyframe_from_terrain_cloud, run_id_of_terrain_cloud
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.messages import Keyframe
 
@@ -23,6 +23,8 @@ class MapDecoder:
 
     Attributes:
         topic: name of the map's topic.
+        is_needed: whether a map is needed, by its run id; others are not decoded, which takes as
+            long as many ticks on large terrains.
     """
 
     def __init__(
@@ -43,15 +45,16 @@ class MapDecoder:
         self._take, self._reject = take, reject
         self.topic = topic
         self._guess = guess
+        self.is_needed: Callable[[int], bool] = lambda run_id: True
         self._cell: float | None = None
         self._pending_map: PointCloud2 | None = None
 
     def read(self, msg: PointCloud2) -> None:
         """Decode a map, or keep it until the cell size is known."""
-        self._pending_map = msg
-        if self._cell is None and not self._guess:
-            return
         try:
+            self._pending_map = msg if self.is_needed(run_id_of_terrain_cloud(msg)) else None
+            if self._pending_map is None or (self._cell is None and not self._guess):
+                return
             keyframe = keyframe_from_terrain_cloud(msg, cell=self._cell)
             self._pending_map = None
             self._take(keyframe)

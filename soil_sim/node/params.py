@@ -64,8 +64,8 @@ class SoilNodeParams(Parameters):
     paused: bool = parameter(False, "start paused")
     map_rate: float = parameter(
         2.0,
-        "maximum rate of terrain maps in simulated time, published if changed; lower in proportion"
-        " above 513 x 513 cells",
+        "maximum rate of terrain maps in simulated time, published if changed; above 513 x 513"
+        " cells lower with their number to the power 1.5, and published for each new subscriber",
         unit="Hz", low=1.0 / 3600.0, high=20.0,
     )  # fmt: skip
     hash_rate: float = parameter(

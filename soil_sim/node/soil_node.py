@@ -16,6 +16,7 @@ from builtin_interfaces.msg import Time
 
 from msg_bridge.codec.stamps import stamp_from_tick
 from msg_bridge.codec.state_hash import StateHash
+from msg_bridge.codec.terrain import TERRAIN_CELL
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import Keyframe, Message
@@ -292,12 +293,15 @@ class SoilNode(SimNode):
 
     def _send_keyframe(self, keyframe: Keyframe) -> None:
         self._terrain.send_keyframe(keyframe, self._stamp())
+        num_bytes = keyframe.elevation.size * TERRAIN_CELL.itemsize
+        self.run.expect_keyframe(time.monotonic(), num_bytes)
 
     # Missing messages and silent machines.
 
     def _check_progress(self) -> None:
         """Request missing messages again and drop silent machines."""
         now = time.monotonic()
+        self._terrain.update_for_new_subscribers(self._stamp())
         if self.run.waiting_for_subscribers:
             missing = unmatched_topics(self, self._params.required_subscribers)
             self._missing_subscribers = missing

@@ -76,6 +76,11 @@ class SoilPublishers:
         if self._grid_map is not None:
             self._grid_map.publish(to_grid_map(terrain, MAP_FRAME, stamp))
 
+    @property
+    def num_map_subscriptions(self) -> int:
+        """Number of subscriptions to the terrain map."""
+        return int(self._map.get_subscription_count())
+
     def cut_fill(self, state: CutFillState) -> None:
         """Publish the remaining volumes to cut and to fill, if the site has a design."""
         if self._cut_fill is not None:

@@ -25,6 +25,9 @@ from soil_sim.tick_record import MachineDrop, SoilRelease
 
 __all__ = ["MAX_CHECK_INTERVAL", "SilentMachine", "SoilRun"]
 
+_MIN_KEYFRAME_RATE = 20e6
+"""Rate at which a slow machine receives and decodes a terrain [B/s]."""
+
 MAX_CHECK_INTERVAL = 1.0
 """Wall time between two checks for silent machines [s] above which the soil node stood still."""
 
@@ -195,7 +198,7 @@ class SoilRun:
             The silent machines, the dropped ones among them.
         """
         if self._last_check_time is not None and now - self._last_check_time > MAX_CHECK_INTERVAL:
-            self._watch_start = now
+            self._watch_start = max(self._watch_start, now)
         self._last_check_time = now
         self._contention.update(now, self.endpoint.exchange.contending_requests)
         if self.endpoint.tick < 0 or (self.paused and self.endpoint.tick >= self._requested_tick):
@@ -215,6 +218,15 @@ class SoilRun:
                     self._drop(machine_id)
                 silent.append(SilentMachine(machine_id, duration, is_dropped=is_dropped))
         return silent
+
+    def expect_keyframe(self, now: float, num_bytes: int) -> None:
+        """Count no silence while machines receive and decode a terrain that is sent now.
+
+        Args:
+            now: monotonic wall clock [s].
+            num_bytes: size of its message.
+        """
+        self._watch_start = max(self._watch_start, now + num_bytes / _MIN_KEYFRAME_RATE)
 
     def _update_sessions(self, now: float) -> None:
         """Record which machines are in another session than at the last check."""

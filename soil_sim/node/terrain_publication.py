@@ -1,4 +1,9 @@
-"""When the terrain is published: at the begin of a run, and if it has changed, at a rate."""
+"""When the terrain is published: at the begin of a run, and if it has changed, at a rate.
+
+The map of a large terrain is a large message, which takes longer to build and to send than a tick.
+It is published less often, and again when there is a new subscriber, which needs a map that is
+newer than its first map update.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +20,9 @@ __all__ = ["TerrainPublication"]
 _MAX_CELLS_AT_FULL_RATE = 513 * 513
 """Number of cells above which terrain maps are published less often."""
 
+_RATE_EXPONENT = 1.5
+"""Exponent of the number of cells by which the rate decreases above that."""
+
 
 class TerrainPublication:
     """Publishes the terrain of a run with all its layers."""
@@ -27,6 +35,7 @@ class TerrainPublication:
         """
         self._publishers, self._run = publishers, run
         self._next_tick = self._revision = 0
+        self._num_subscriptions = 0
 
     def begin(self, config: str, stamp: Time) -> None:
         """Publish the configuration [YAML] of a run and its present terrain."""
@@ -39,6 +48,13 @@ class TerrainPublication:
         """Publish the terrain after a tick, if it is due."""
         if tick >= self._next_tick:
             self._next_tick = tick + self._interval_in_ticks
+            self.publish_if_changed(stamp)
+
+    def update_for_new_subscribers(self, stamp: Time) -> None:
+        """Publish a terrain that is rarely published, if there is a new subscriber to it."""
+        before, now = self._num_subscriptions, self._publishers.num_map_subscriptions
+        self._num_subscriptions = now
+        if now > before and self._size_ratio > 1.0:
             self.publish_if_changed(stamp)
 
     def publish_if_changed(self, stamp: Time) -> None:
@@ -55,10 +71,16 @@ class TerrainPublication:
 
     @property
     def _interval_in_ticks(self) -> int:
-        """Minimum number of ticks between two maps; more for large grids, in proportion."""
-        grid, params = self._run.endpoint.soil.grid, self._run.params
-        rate = params.map_rate / max(1.0, grid.rows * grid.cols / _MAX_CELLS_AT_FULL_RATE)
-        return max(1, round(1.0 / (rate * params.tick_period)))
+        """Minimum number of ticks between two maps; more for large terrains."""
+        params = self._run.params
+        rate = params.map_rate / max(1.0, self._size_ratio) ** _RATE_EXPONENT
+        return max(1, int(round(1.0 / (rate * params.tick_period))))
+
+    @property
+    def _size_ratio(self) -> float:
+        """Number of cells over that of the largest terrain that is published at the full rate."""
+        grid = self._run.endpoint.soil.grid
+        return grid.rows * grid.cols / _MAX_CELLS_AT_FULL_RATE
 
     def _publish_cut_fill(self) -> None:
         now = self._run.cut_fill

@@ -288,6 +288,14 @@ def test_rejected_command_is_no_answer(make: MakeRun) -> None:
     assert not run.can_step
 
 
+def test_terrain_is_needed_to_join_and_of_another_run(make: MakeRun) -> None:
+    run = make()
+    assert run.needs_map(RUN_ID)
+    Soil(run)
+    assert not run.needs_map(RUN_ID)
+    assert run.needs_map(RUN_ID + 1)
+
+
 def test_commands_are_not_awaited_in_real_time(make: MakeRun) -> None:
     run = make(command_wait_period=1, realtime=True)
     Soil(run)

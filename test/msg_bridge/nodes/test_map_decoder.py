@@ -68,6 +68,17 @@ def test_decoder_that_may_guess_the_cell_size_decodes_at_once() -> None:
     assert reader.cells == pytest.approx([0.2, CELL], rel=1e-6)
 
 
+def test_map_that_is_not_needed_is_not_decoded() -> None:
+    reader = Reader()
+    reader.is_needed = lambda run_id: run_id == 2
+    reader.read(map_of(0.2, run_id=2))  # waits for the cell size
+    reader.read(map_of(0.2, run_id=1))
+    reader.set_cell(0.2)
+    assert reader.cells == []
+    reader.read(map_of(0.2, run_id=2))
+    assert reader.cells == [0.2]
+
+
 def test_malformed_map_is_rejected() -> None:
     reader = Reader()
     reader.set_cell(0.2)

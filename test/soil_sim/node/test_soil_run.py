@@ -318,6 +318,16 @@ def test_silent_machine_is_not_dropped_by_a_step_in_real_time() -> None:
     assert time.run.endpoint.exchange.joined == (1,)
 
 
+def test_silence_does_not_count_while_a_large_terrain_is_received() -> None:
+    time = Timeline(1)
+    received = {1: time.now}
+    time.run.expect_keyframe(time.now, 200_000_000)  # 10 s at 20 MB/s
+    for k in range(1, 22):
+        assert time.run.check_silent_machines(time.now + 0.5 * k, received) == []
+    (silent,) = time.run.check_silent_machines(time.now + 11.0, received)
+    assert silent.duration == pytest.approx(1.0)
+
+
 def test_stall_of_the_soil_itself_is_no_silence_of_a_machine() -> None:
     time = Timeline(1)
     received = {1: time.now}
