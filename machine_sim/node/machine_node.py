@@ -124,11 +124,9 @@ class MachineNode(SimNode):
         self._recovery = NodeRecovery.of_node(recovery, self)
         self._last_ticks = LastTicks()  # before a restart
         self.run: MachineRun | None = None
-        machine_types = ", ".join(instance.spec.name for instance in self.instances)
+        kinds = ", ".join(instance.spec.name for instance in self.instances)
         simulation = parent_namespace(self.get_namespace())
-        self.diagnostics = Diagnostics(
-            self, "machine_sim", machine_types, simulation_namespace=simulation
-        )
+        self.diagnostics = Diagnostics(self, "machine_sim", kinds, simulation_namespace=simulation)
         self._recovery.report_to(self.diagnostics)
         self._machine_diagnostics = MachineDiagnostics(
             self.diagnostics, self.instances, bins=tuple(self._bins)
@@ -359,6 +357,7 @@ class MachineNode(SimNode):
     def _check_progress(self) -> None:
         """Recover from lost messages, drops and rejections, and repeat the state while waiting."""
         run = self.run
+        self._transport.follow_maps(self._membership.needs_maps(run))
         if run is None or (self._leaving and not run.endpoint.exchange.joined):
             return
         if not self._last_ticks.is_published:

@@ -114,7 +114,17 @@ class MachineTransport:
             partial(from_join_rejected_string, key=key),
             raw=False,
         )
-        poller.subscribe(PointCloud2, self.maps.topic, qos.TRANSIENT_LOCAL, self.maps.read)
+        self._poller, self._follows_maps = poller, False
+        self.follow_maps(True)
+
+    def follow_maps(self, is_wanted: bool) -> None:
+        """Begin to receive terrain maps, with the last one, or end that."""
+        if is_wanted and not self._follows_maps:
+            profile = qos.TRANSIENT_LOCAL
+            self._poller.subscribe(PointCloud2, self.maps.topic, profile, self.maps.read)
+        elif self._follows_maps and not is_wanted:
+            self._poller.unsubscribe(self.maps.topic)
+        self._follows_maps = is_wanted
 
     def send(self, messages: Iterable[Message], stamp: Time) -> None:
         """Publish messages of the machine; rows are stamped with the end of their tick."""

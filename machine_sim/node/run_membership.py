@@ -32,6 +32,9 @@ _MAX_REJECTED_WELCOMES = 4
 _REJECTION_LOG_PERIOD = 5.0
 """Minimum wall time between two log lines on a rejection [s]."""
 
+_MAX_FOLLOWED_CELLS = 513 * 513
+"""Number of cells up to which a node receives all terrain maps."""
+
 
 class Logger(Protocol):
     """The part of a node's logger that is used here."""
@@ -112,6 +115,19 @@ class RunMembership:
         if current is None or self.facts is None or soil_is_silent:
             return False
         return self.facts.run_id in self._contested_run_ids
+
+    def needs_maps(self, current: MachineRun | None) -> bool:
+        """Return whether the node should receive terrain maps.
+
+        To receive a large one takes longer than a tick, so a node that takes part receives none.
+
+        Args:
+            current: the present run of the node.
+        """
+        if current is None or self.facts is None or self.keyframe is None:
+            return True
+        is_large = self.keyframe.elevation.size > _MAX_FOLLOWED_CELLS
+        return not is_large or current.needs_map(self.facts.run_id)
 
     def offer_keyframe(self, keyframe: Keyframe) -> bool:
         """Keep the first keyframe of a run; return whether it was kept.

@@ -43,6 +43,7 @@ class SubscriptionPoller:
         self._on_polled = on_polled
         self._polled_group = PolledGroup()
         self._subscriptions_and_callbacks: list[tuple[Subscription, Callable[[Any], None]]] = []
+        self._subscriptions: dict[str, list[Subscription]] = {}  # by topic
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._poll_timer = node.create_timer(_POLL_PERIOD, self._poll, clock=steady)
         self._poll_timer.cancel()
@@ -76,10 +77,23 @@ class SubscriptionPoller:
         subscription = self._node.create_subscription(
             kind, topic, wake, profile, callback_group=group, raw=raw
         )
+        self._subscriptions.setdefault(topic, []).append(subscription)
         # Triggering subscriptions are polled first: their messages are published last, so that the
         # rows they count have arrived by the time the others are polled.
         index = 0 if triggers else len(self._subscriptions_and_callbacks)
         self._subscriptions_and_callbacks.insert(index, (subscription, take))
+
+    def unsubscribe(self, topic: str) -> None:
+        """End the subscriptions to a topic; not in a callback of a message.
+
+        Args:
+            topic: name of the topic, as given to `subscribe`.
+        """
+        for subscription in self._subscriptions.pop(topic, ()):
+            self._subscriptions_and_callbacks = [
+                each for each in self._subscriptions_and_callbacks if each[0] is not subscription
+            ]
+            self._node.destroy_subscription(subscription)
 
     def take_all(self) -> int:
         """Take all waiting messages and return their number."""
