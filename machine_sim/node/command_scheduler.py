@@ -47,7 +47,8 @@ class CommandScheduler:
         self._wait_period = instance.params.command_wait_period
         self._delay_ticks = 0 if facts.realtime else instance.params.command_delay
         self._last_answered_tick = -1  # newest tick that a stamped command answers
-        self._unanswered: set[int] = set()  # of the ticks before a restart
+        self._resumed_tick = -1  # last tick before a restart
+        self._unanswered: set[int] = set()  # of the ticks before it
 
     @property
     def sim_time(self) -> float:
@@ -89,9 +90,11 @@ class CommandScheduler:
         is_awaited = self._wait_period > 0 and answered >= 0 and answered % self._wait_period == 0
         if self._facts.realtime or not is_awaited:
             return None
-        if self._last_answered_tick >= answered and answered not in self._unanswered:
-            return None
-        return answered * self._facts.tick_period
+        if answered <= self._resumed_tick:
+            is_missing = answered in self._unanswered
+        else:
+            is_missing = self._last_answered_tick < answered
+        return answered * self._facts.tick_period if is_missing else None
 
     @property
     def unanswered_ticks(self) -> frozenset[int]:
@@ -107,13 +110,20 @@ class CommandScheduler:
         if self._facts.realtime or not self._wait_period:
             return
         tick, period = self._endpoint.tick, self._facts.tick_period
-        arrived = {round(time / period) for time in self.arbiter.delayed_effect_times}
-        self._last_answered_tick = tick
+        arrived = {
+            round(time / period) - self._delay_ticks for time in self.arbiter.delayed_effect_times
+        }
+        self._resumed_tick, self._last_answered_tick = tick, max(arrived, default=-1)
         self._unanswered = {
             answered
             for answered in range(max(tick - self._delay_ticks, 0), tick + 1)
-            if answered % self._wait_period == 0 and answered + self._delay_ticks not in arrived
+            if answered % self._wait_period == 0 and answered not in arrived
         }
+
+    def accept_later_answers(self) -> None:
+        """Await no answers to the states before a restart if later ones are answered."""
+        self._resumed_tick = -1
+        self._unanswered.clear()
 
     @property
     def has_answers(self) -> bool:

@@ -37,6 +37,9 @@ _NONE: Mapping[int, HeldPublications] = MappingProxyType({})
 _MIN_REPEATED_TICKS = 3
 """Minimum number of the last ticks that are published again: the process may have died before."""
 
+_MAX_REPEATS = 20
+"""Number of times that states are published again whose answers are missing, every 0.25 s."""
+
 _MAX_RECORDS_PER_TICK = 4
 """Records of a tick, and of the commands that arrived before it."""
 
@@ -90,15 +93,18 @@ class LastTicks:
     """
 
     def __init__(
-        self, publications: HeldPublications = (), states: Mapping[int, HeldPublications] = _NONE
+        self,
+        publications: HeldPublications | None = None,
+        states: Mapping[int, HeldPublications] = _NONE,
     ) -> None:
         """
         Args:
-            publications: all but the states.
+            publications: all but the states; None if there was no restart.
             states: the state after each tick, by tick.
         """
-        self._publications, self._states = publications, states
-        self.is_published = not publications
+        self._publications, self._states = publications or (), states
+        self.is_published = publications is None
+        self._num_repeats = 0  # of the states
 
     def publish(self) -> None:
         """Publish the ticks without the states."""
@@ -107,8 +113,18 @@ class LastTicks:
         self.is_published = True
 
     def publish_unanswered_states(self, run: MachineRun) -> None:
-        """Publish the states before the present one whose answers were lost."""
-        for tick in sorted(run.unanswered_ticks & self._states.keys() - {run.tick}):
+        """Publish the states before the present one whose answers were lost.
+
+        A controller that answers only the newest state is not waited for without end.
+        """
+        ticks = run.unanswered_ticks & self._states.keys() - {run.tick}
+        if not ticks:
+            return
+        if self._num_repeats == _MAX_REPEATS:
+            run.accept_later_answers()
+            return
+        self._num_repeats += 1
+        for tick in sorted(ticks):
             for publish in self._states[tick]:
                 publish()
 

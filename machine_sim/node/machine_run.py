@@ -176,6 +176,11 @@ class MachineRun:
         """Ticks before a restart of the node whose answers were lost and are awaited."""
         return frozenset().union(*(each.unanswered_ticks for each in self.schedulers))
 
+    def accept_later_answers(self) -> None:
+        """See `CommandScheduler.accept_later_answers`."""
+        for scheduler in self.schedulers:
+            scheduler.accept_later_answers()
+
     @property
     def num_delayed_states(self) -> int:
         """Number of the last states whose answers have not taken effect yet."""

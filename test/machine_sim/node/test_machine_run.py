@@ -288,6 +288,46 @@ def test_rejected_command_is_no_answer(make: MakeRun) -> None:
     assert not run.can_step
 
 
+def test_resumed_run_awaits_each_answer_that_was_lost_until_later_ones_are_accepted(
+    make: MakeRun,
+) -> None:
+    run = make(command_wait_period=1, command_delay=2)
+    soil = Soil(run)
+
+    def answer(tick: int) -> None:
+        scheduler = run.schedulers[0]  # another one after each restart
+
+        def deliver(effect_time: float | None) -> bool:
+            scheduler.arbiter.receive_joints(
+                ["boom"], [0.1], [], scheduler.sim_time, effect_time=effect_time
+            )
+            return True
+
+        scheduler.receive(0.01 * tick, deliver)
+
+    for tick in range(5):
+        answer(tick)
+        soil.ticks(1)
+    answer(5)  # the answer to 4 has arrived, those to 3 and 5 are lost with the process
+    state = run.state
+    kept = tuple(
+        each for each in state.arbiters[0].delayed if each.effect_time == pytest.approx(0.06)
+    )
+    run.resume(state._replace(arbiters=(state.arbiters[0]._replace(delayed=kept),)))
+    assert run.tick == 5
+    assert run.unanswered_ticks == {3, 5}
+    answer(5)
+    assert not run.can_step, "the answer to 3 is missing"
+    answer(3)
+    soil.ticks(2)
+    assert run.unanswered_ticks == frozenset()
+    run.resume(run.state._replace(arbiters=(run.state.arbiters[0]._replace(delayed=()),)))
+    answer(run.tick)
+    assert not run.can_step
+    run.accept_later_answers()
+    assert run.can_step
+
+
 def test_terrain_is_needed_to_join_and_of_another_run(make: MakeRun) -> None:
     run = make()
     assert run.needs_map(RUN_ID)
