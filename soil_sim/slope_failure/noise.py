@@ -40,11 +40,6 @@ class RelaxationNoise(NamedTuple):
     jitter: float
     seed: int
 
-    @property
-    def is_active(self) -> bool:
-        """Whether there is any variation."""
-        return bool(self.repose_tan_scale.size) or self.jitter > 0.0
-
 
 def relaxation_noise(params: SoilParams, grid: Grid, angle: float) -> RelaxationNoise:
     """Return the noise that parameters describe.
