@@ -220,6 +220,9 @@ def test_delayed_commands_take_effect_in_the_order_of_their_times(make_arbiter):
     assert [joints(arbiter, t)[1] for t in (0.0, 0.01, 0.02, 0.03)] == [0.1, 0.1, 0.2, 0.3]
     assert tracks(arbiter, 0.03) == [0.5, 0.5]
     assert joints(arbiter, 0.32)[1] == 0.3, "it times out after its effect, not its arrival"
+    for velocity, effect_time in ((0.3, 0.43), (0.2, 0.42)):
+        arbiter.receive_joints(["boom"], [velocity], [], 0.4, effect_time=effect_time)
+    assert joints(arbiter, 0.43)[1] == 0.3, "both are due"
 
 
 @pytest.mark.parametrize("end", ["reset", "stop"])
