@@ -64,6 +64,7 @@ class _Fault(IntEnum):
     WRENCH = 8
     WORK = 9
     KIND = 10
+    RUT_DEPTH = 11
 
 
 _FAULT_MESSAGES = {
@@ -76,6 +77,7 @@ _FAULT_MESSAGES = {
     _Fault.REACTION: f"its reaction is not {min(SoilReaction):d} to {max(SoilReaction):d}",
     _Fault.WRENCH: f"its force or torque is not finite or beyond {_MAX_WRENCH:g} N and N m",
     _Fault.WORK: f"its work is not between 0 and {MAX_MILLING_WORK:g} J",
+    _Fault.RUT_DEPTH: f"its depth of a rut is not between 0 and {_MAX_COORDINATE:g} m",
     _Fault.KIND: f"its kind is not {min(ConversionKind):d} to {max(ConversionKind):d}",
 }
 
@@ -87,12 +89,13 @@ _NO_FAULT, _OFF_MAP, _COORDINATE, _VOLUME, _SOIL, _MOISTURE = (
     int(_Fault.SOIL),
     int(_Fault.MOISTURE),
 )
-_TOOL, _REACTION, _WRENCH, _WORK, _KIND = (
+_TOOL, _REACTION, _WRENCH, _WORK, _KIND, _RUT_DEPTH = (
     int(_Fault.TOOL),
     int(_Fault.REACTION),
     int(_Fault.WRENCH),
     int(_Fault.WORK),
     int(_Fault.KIND),
+    int(_Fault.RUT_DEPTH),
 )
 
 
@@ -288,6 +291,8 @@ def _find_map_update_fault(rows, shape, num_soils):  # type: ignore[no-untyped-d
             return _COORDINATE, n
         if not np.isfinite(row.volume_mm3):
             return _VOLUME, n
+        if not 0.0 <= row.rut_depth <= _MAX_COORDINATE:
+            return _RUT_DEPTH, n
     return _NO_FAULT, 0
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from machine_sim.dem import SoilEngine
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.machine import MachineError, MachineSpec, TrackedMachine
-from machine_sim.machine.tracks.track_model import sole_heights
+from machine_sim.machine.tracks.track_model import sole_contact
 from machine_sim.params import MachineSimParams
 from machine_sim.tool_soil.coupling import ToolSoilCoupling
 from machine_sim.tool_soil.payload import Payload
@@ -147,7 +147,7 @@ class SimulatedMachine:
         tool_sweeps = [coupling.end_tick() for coupling in self.couplings.values()]
         previous_frame, self._last_base_frame = self._last_base_frame, self.machine.base_frame
         track_sweeps = self._track_sweep.rows(
-            previous_frame, self._last_base_frame, sole_heights(self.machine.tracks)
+            previous_frame, self._last_base_frame, sole_contact(self.machine.tracks)
         )
         return [*tool_sweeps, track_sweeps]
 

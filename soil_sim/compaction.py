@@ -1,49 +1,110 @@
-"""Compaction: a plate pushed into loose soil packs it, as track shoes and the back of a bucket do.
+"""Compaction: tracks and the back of a bucket press soil down to the surface that they sweep.
 
-No soil is removed: the bulk volume of the loose soil under the plate shrinks, at most to its bank
-volume. Firm soil does not yield. A column counts as under the plate if its centre is.
+- **Loose soil** yields as far as its bank volume.
+- **Firm soil** yields to a pressure p only as far as it makes a plate of width b sink below the
+  undisturbed surface (Bekker; Wong, Theory of Ground Vehicles, section 2.4),
+
+      z = (p / (k_c / b + k_phi))^(1 / n),
+
+  and is packed: see `soil_sim.columns.state`. A rut gets deeper only under a larger pressure. Soils
+  without Bekker's coefficients do not yield.
+
+No soil is removed, or displaced to the sides. A column counts as under a plate if its centre is.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.kernels import helper, kernel
-from soil_sim.columns.operations import compact_column
+from soil_sim.columns.operations import compact_loose, pack_firm
 from soil_sim.columns.state import Columns
-from soil_sim.tool_sweeps import SweptPairs, interpolate_key_point
+from soil_sim.soils.soil_types import SoilType
+from soil_sim.tool_sweeps import PressedPairs, interpolate_key_point
 
-__all__ = ["compact"]
+__all__ = ["SINKAGE_DTYPE", "CompactedColumns", "compact", "sinkage_table"]
+
+SINKAGE_DTYPE = np.dtype(
+    [
+        ("k_c", np.float64),  # Bekker's moduli of dry soil [N/m^(n + 1)], [N/m^(n + 2)]
+        ("k_phi", np.float64),
+        ("exponent", np.float64),  # n
+        ("factor", np.float64, (MOISTURE_LEVELS,)),  # moduli over those of dry soil, by moisture
+    ]
+)
+"""Coefficients of sinkage of one kind of soil."""
 
 _MAX_POSES = 64
 """Maximum number of poses of a plate in a tick."""
+
+_MIN_WIDTH = 0.01
+"""Smallest width of a plate [m]."""
+
+_MAX_GAP = 0.02
+"""Largest gap below a plate that rests on a column [m]."""
 
 _MIN_AREA = 1e-12
 """Smallest value of twice the area of a triangle, seen from above [m^2]."""
 
 
-def compact(columns: Columns, pairs: SweptPairs) -> NDArray[np.int64]:
-    """Press loose soil down to the surface that plates sweep in a tick.
+def sinkage_table(kinds: Sequence[SoilType]) -> NDArray[np.void]:
+    """Return the coefficients of kinds of soil by id, shape (kinds,), `SINKAGE_DTYPE`."""
+    table = np.zeros(len(kinds), SINKAGE_DTYPE)
+    for row, kind in zip(table, kinds, strict=True):
+        row["k_c"], row["k_phi"], row["exponent"] = (
+            kind.bekker_k_c,
+            kind.bekker_k_phi,
+            kind.bekker_n,
+        )
+        soil = kind.loose_soil
+        row["factor"] = [soil.moisture_bearing_factor(m) for m in range(MOISTURE_LEVELS)]
+    return table
+
+
+class CompactedColumns(NamedTuple):
+    """Columns under the plates of a tick, by their flat indices.
+
+    Attributes:
+        yielded: those whose soil yielded, sorted.
+        pressed: those that a plate rests on under pressure, sorted; None if there is no pressure.
+    """
+
+    yielded: NDArray[np.int64]
+    pressed: NDArray[np.int64] | None
+
+
+def compact(columns: Columns, pairs: PressedPairs, sinkage: NDArray[np.void]) -> CompactedColumns:
+    """Press soil down under the plates of a tick.
 
     Args:
         columns: the terrain; changed.
         pairs: compacting key-point pairs of one machine.
-
-    Returns:
-        Flat indices of the compacted columns, sorted.
+        sinkage: `sinkage_table` of the kinds of soil.
     """
     if pairs.has_plate.size == 0:  # as with a machine that has no tracks
-        return np.zeros(0, dtype=np.int64)
-    compacted: NDArray[np.int64] = _compact(*pairs, columns.boxed_arrays, columns.frame)
-    return np.unique(compacted) if compacted.size else compacted
+        return CompactedColumns(np.zeros(0, dtype=np.int64), None)
+    under, has_pressure = _compact(*pairs, columns.boxed_arrays, columns.frame, sinkage)
+    yielded = np.unique(under[under >= 0])
+    pressed = np.unique(np.where(under < 0, ~under, under)) if has_pressure else None
+    return CompactedColumns(yielded, pressed)
 
 
 @kernel
-def _compact(points, has_plate, boxed_columns, frame):  # type: ignore[no-untyped-def]
-    """Compact soil as `compact`; return a column once for each triangle that compacts it."""
+def _compact(points, has_plate, pressure, boxed_columns, frame, sinkage):  # type: ignore[no-untyped-def]
+    """Compact soil as `compact`.
+
+    Returns:
+        (flat indices of the columns under plates, one for each triangle: that of a column that does
+        not yield is inverted; whether any pressure is above 0).
+    """
     columns = boxed_columns.table
-    compacted, count = np.empty(64, dtype=np.int64), np.int64(0)
+    under, count = np.empty(64, dtype=np.int64), np.int64(0)
+    has_pressure = False
     for n in range(points.shape[0] - 1):
         if not has_plate[n]:
             continue
@@ -53,6 +114,9 @@ def _compact(points, has_plate, boxed_columns, frame):  # type: ignore[no-untype
                 for axis in range(3):
                     distance = max(distance, abs(points[m, 1, p, axis] - points[m, 0, p, axis]))
         poses = min(max(1, int(np.ceil(2.0 * distance / frame.cell))), _MAX_POSES)
+        width = _width(points, n)
+        has_pressure |= pressure[n : n + 2].max() > 0.0
+        p_a, p_b, p_c, p_d = pressure[n, 0], pressure[n, 1], pressure[n + 1, 0], pressure[n + 1, 1]
         for pose in range(1, poses + 1):
             t = pose / poses
             # Left and right end of this pair, then of the next.
@@ -60,28 +124,47 @@ def _compact(points, has_plate, boxed_columns, frame):  # type: ignore[no-untype
             b = interpolate_key_point(points, (n, 1), t)
             c = interpolate_key_point(points, (n + 1, 0), t)
             d = interpolate_key_point(points, (n + 1, 1), t)
-            for third in (a, d):
-                compacted, count = _compact_triangle(b, c, third, columns, frame, compacted, count)
-    return compacted[:count]
+            for third, p_third in ((a, p_a), (d, p_d)):
+                under, count = _compact_triangle(
+                    (b, c, third), (p_b, p_c, p_third), width, columns, frame, sinkage, under, count
+                )
+    return under[:count], has_pressure
 
 
 @helper
-def _compact_triangle(a, b, c, columns, frame, compacted, count):  # type: ignore[no-untyped-def]
+def _width(points, n):  # type: ignore[no-untyped-def]
+    """Return the width of the plate between pair n and the next [m]: the mean of the pairs."""
+    width = 0.0
+    for m in range(n, n + 2):
+        x = points[m, 1, 1, 0] - points[m, 1, 0, 0]
+        y = points[m, 1, 1, 1] - points[m, 1, 0, 1]
+        width += 0.5 * np.sqrt(x * x + y * y)
+    return width
+
+
+@helper
+def _compact_triangle(  # type: ignore[no-untyped-def]
+    corners, pressures, width, columns, frame, sinkage, under, count
+):
     """Compact the columns whose centre is under a triangle down to it, and record them.
 
     Args:
-        a, b, c: corners (x, y, z) [m].
+        corners: the three corners (x, y, z) [m].
+        pressures: on the ground at the corners [Pa].
+        width: width of the plate [m].
         columns: `ColumnArrays` of the terrain; changed.
         frame: `GridFrame` of the terrain.
-        compacted: flat indices of columns, of which the first `count` are in use; changed.
+        sinkage: `sinkage_table` of the kinds of soil.
+        under: flat indices as of `_compact`, of which the first `count` are in use; changed.
         count: number of indices in use.
 
     Returns:
-        (`compacted`, or a larger array in its place, number of indices in use).
+        (`under`, or a larger array in its place, number of indices in use).
     """
+    a, b, c = corners
     area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
     if abs(area) < _MIN_AREA:  # upright
-        return compacted, count
+        return under, count
     x0, x1 = min(a[0], b[0], c[0]), max(a[0], b[0], c[0])
     y0, y1 = min(a[1], b[1], c[1]), max(a[1], b[1], c[1])
     first_row = max(np.ceil((frame.x_first - x1) / frame.cell), 0.0)
@@ -89,7 +172,7 @@ def _compact_triangle(a, b, c, columns, frame, compacted, count):  # type: ignor
     first_col = max(np.ceil((frame.y_first - y1) / frame.cell), 0.0)
     last_col = min(np.floor((frame.y_first - y0) / frame.cell), frame.cols - 1.0)
     if last_row < first_row or last_col < first_col:
-        return compacted, count
+        return under, count
     for i in range(np.int64(first_row), np.int64(last_row) + 1):
         x = frame.x_first - i * frame.cell
         for j in range(np.int64(first_col), np.int64(last_col) + 1):
@@ -101,11 +184,47 @@ def _compact_triangle(a, b, c, columns, frame, compacted, count):  # type: ignor
                 continue
             k = i * frame.cols + j
             excess = columns.height[k] - (a[2] + u * (b[2] - a[2]) + v * (c[2] - a[2]))
-            if excess > 0.0 and compact_column(columns, k, excess / columns.metres_per_mm3) > 0:
-                if count == compacted.size:
-                    larger = np.empty(2 * count, dtype=np.int64)
-                    larger[:count] = compacted
-                    compacted = larger
-                compacted[count] = k
-                count += 1
-    return compacted, count
+            p_a, p_b, p_c = pressures
+            pressure = p_a + u * (p_b - p_a) + v * (p_c - p_a)
+            has_yielded = excess > 0.0 and _press(
+                columns, k, excess / columns.metres_per_mm3, pressure, width, sinkage
+            )
+            if not has_yielded and (pressure <= 0.0 or excess < -_MAX_GAP):
+                continue
+            if count == under.size:
+                larger = np.empty(2 * count, dtype=np.int64)
+                larger[:count] = under
+                under = larger
+            under[count] = k if has_yielded else ~k
+            count += 1
+    return under, count
+
+
+@helper
+def _press(columns, i, excess, pressure, width, sinkage):  # type: ignore[no-untyped-def]
+    """Press the soil of column i down.
+
+    Args:
+        columns: `ColumnArrays` of the terrain; changed.
+        i: flat index of the column.
+        excess: volume above the plate [mm^3].
+        pressure: of the plate on the ground [Pa].
+        width: width of the plate [m].
+        sinkage: `sinkage_table` of the kinds of soil.
+
+    Returns:
+        Whether it yielded.
+    """
+    # The kind at the surface, as machines find it on the map.
+    kind, moisture = columns.soil[i], columns.moisture[i]
+    if columns.loose[i] > 0:
+        kind, moisture = columns.loose_soil[i], columns.loose_moisture[i]
+    yielded = compact_loose(columns, i, excess)
+    soil = sinkage[kind]
+    modulus = (soil.k_c / max(width, _MIN_WIDTH) + soil.k_phi) * soil.factor[moisture]
+    if pressure > 0.0 and modulus > 0.0 and yielded < excess:
+        depth = (pressure / modulus) ** (1.0 / soil.exponent)
+        rest = min(depth / columns.metres_per_mm3 - columns.rut_volume[i], excess - yielded)
+        if rest > 0.0:
+            yielded += pack_firm(columns, i, rest)
+    return yielded > 0

@@ -158,5 +158,6 @@ def _map_update_rows(cells, boxed_columns, revision, frame):  # type: ignore[no-
             row.soil, row.moisture = columns.loose_soil[i], columns.loose_moisture[i]
         else:
             row.soil, row.moisture = columns.soil[i], columns.moisture[i]
+        row.rut_depth = columns.rut_volume[i] * columns.metres_per_mm3
         row.revision = revision
     return rows

@@ -23,7 +23,7 @@ from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.rows import CONVERSION, DEPOSIT_REQUEST, SWEEP, Rows, join_rows
 from soil_sim.columns import ChangeTracker, Columns, TileChecksums
-from soil_sim.compaction import compact
+from soil_sim.compaction import compact, sinkage_table
 from soil_sim.deposition import deposit
 from soil_sim.errors import SoilError
 from soil_sim.excavation import KeyPointCut, Milling, RemovedSoil, SweptCut
@@ -31,8 +31,10 @@ from soil_sim.row_output import convert_deposit_requests, excavation_rows, map_u
 from soil_sim.slope_failure import ColumnShares, SlopeRelaxation, relaxation_noise
 from soil_sim.soils.params import SoilParams
 from soil_sim.soils.soil_types import build_soil_tables
+from soil_sim.sweep_validation import validate_sweeps
 from soil_sim.tool_force.tool_forces import ToolForces, set_milling_forces, zero_tool_forces
-from soil_sim.tool_sweeps import MachineSweeps, ValidSweeps, group_by_machine, validate_sweeps
+from soil_sim.tool_sweeps import MachineSweeps, ValidSweeps, group_by_machine
+from soil_sim.track_occupancy import TrackOccupancy
 
 __all__ = ["Soil", "SoilStepResult"]
 
@@ -117,6 +119,8 @@ class Soil:
             self.columns, num_interpolated=self.params.num_interpolated_key_points
         )
         self._tool_forces = ToolForces(self.columns, self.soil_types)
+        self._sinkage = sinkage_table(self.soil_types)
+        self._track_occupancy = TrackOccupancy(self.relaxation.occupied)
         self._changes = ChangeTracker(self.columns)
         self._tile_checksums = TileChecksums(self.columns)
         self.revision = 0
@@ -177,13 +181,17 @@ class Soil:
         return self._tile_checksums.total_mm3
 
     @property
-    def layers(self) -> tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8]]:
+    def layers(
+        self,
+    ) -> tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]:
         """Layers of the map, shape (rows, cols) each.
 
-        Bank volume of each column [mm^3], kind by id and moisture [%] of the soil at its surface.
+        Bank volume of each column [mm^3], kind by id and moisture [%] of the soil at its surface,
+        and depth by which its surface was pressed down [m].
         """
         columns = self.columns
-        return columns.firm + columns.loose, columns.top_soil, columns.top_moisture
+        volume = columns.firm + columns.loose
+        return volume, columns.top_soil, columns.top_moisture, columns.rut_depth
 
     def verify_volume(self) -> bool:
         """Return whether the running volume equals the sum over all columns."""
@@ -252,13 +260,17 @@ class Soil:
         """
         machines = group_by_machine(sweeps)
         millings: list[Milling] = []
+        pressed: dict[int, NDArray[np.int64] | None] = {}
         if self.params.cut_mode == "swept":
             self._swept_cut.reserve([cut for machine in machines for cut in machine.cuts])
-            removed = [self._cut_and_compact(machine, millings) for machine in machines]
+            removed = [self._cut(machine, millings) for machine in machines]
+            pressed = {machine.machine_id: self._compact(machine) for machine in machines}
         else:
             removed = [self._cut_at_key_points(machine) for machine in machines]
         displaced, left = self._swept_cut.end_tick()
+        left_by_tracks = self._track_occupancy.end_tick(pressed)
         self.relaxation.mark_disturbed(left, include_neighbours=True)
+        self.relaxation.mark_disturbed(left_by_tracks, include_neighbours=True)
         parts = [
             excavation_rows(soil, tick, machine.machine_id, self.grid.cols)
             for machine, soils in zip(machines, removed, strict=True)
@@ -267,9 +279,7 @@ class Soil:
         ]
         return join_rows(parts, CONVERSION), displaced, millings
 
-    def _cut_and_compact(
-        self, machine: MachineSweeps, millings: list[Milling]
-    ) -> list[RemovedSoil]:
+    def _cut(self, machine: MachineSweeps, millings: list[Milling]) -> list[RemovedSoil]:
         """Return the soil that each tool removes; add what drums engage to `millings`."""
         removed = []
         for cut in machine.cuts:
@@ -280,9 +290,13 @@ class Soil:
             milled, milling = self._swept_cut.mill(cut, work, self._tool_forces.strength)
             removed.append(milled)
             millings.append(milling)
-        compacted = compact(self.columns, machine.press_pairs)
-        self.relaxation.mark_disturbed(compacted, include_neighbours=True)
         return removed
+
+    def _compact(self, machine: MachineSweeps) -> NDArray[np.int64] | None:
+        """Press soil down; return the columns under the tracks, None if these are at rest."""
+        compacted = compact(self.columns, machine.pressed, self._sinkage)
+        self.relaxation.mark_disturbed(compacted.yielded, include_neighbours=True)
+        return compacted.pressed
 
     def _cut_at_key_points(self, machine: MachineSweeps) -> list[RemovedSoil]:
         removed = self._keypoint_cut.excavate(machine.rows)

@@ -2,7 +2,6 @@
 
 - `contact_surface`: heights and materials of the surface, which rises at a limited speed
 - `contact_surface_kernels`: their kernels, and heights between grid points
-- `track_compaction`: how far tracks have compacted each column
 """
 
 from machine_sim.ground.contact_surface import MAX_RISE_SPEED, Ground, GroundError

@@ -4,6 +4,9 @@ The soil simulation owns the heights; this copy applies its changed cells. Soil 
 under a resting particle raises the surface below it, and a step inside a stiff contact would eject
 the particle. The *contact* surface therefore rises toward the soil's surface at no more than
 `MAX_RISE_SPEED`, which lifts the particle; it falls with the soil's surface at once.
+
+The pressure under a track depends on its sinkage below the *undisturbed* surface, which is higher
+by the depth of the rut that the soil reports. That surface rises and falls likewise.
 """
 
 from __future__ import annotations
@@ -18,7 +21,6 @@ from machine_sim.ground.contact_surface_kernels import (
     set_cells,
     surface_at,
 )
-from machine_sim.ground.track_compaction import TrackCompaction
 from msg_bridge.contract.errors import EarthmovingError, ErrorCode, ExchangeError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
@@ -45,7 +47,10 @@ class Ground:
         grid: position of each height.
         elevation: the soil's surface [m], shape (rows, cols), float64.
         surface: contact surface [m], same shape; equal to `elevation` except where it still rises.
-        undisturbed_surface: contact surface without compaction by tracks [m], same shape.
+        rut_depth: depth by which soil was pressed down [m], same shape, float64.
+        max_sinkage: maximum depth of soles below the undisturbed surface [m], same shape, at least
+            `rut_depth`; soles write it.
+        undisturbed_surface: contact surface before it was pressed down [m], same shape.
         soils: all soils of the terrain, by id.
         frame: position of the grid in the map frame, as kernels need it to find the cell of a
             point: x of row 0 and y of column 0 [m], and 1 / cell size [1/m].
@@ -78,36 +83,28 @@ class Ground:
         self.elevation = self._rounded_heights(elevation)
         self.surface: NDArray[np.float64] = self.elevation.copy()
         self.undisturbed_surface: NDArray[np.float64] = self.elevation.copy()
-        self._compaction = TrackCompaction(grid, max(soil.swell for soil in self.soils))
+        self.rut_depth: NDArray[np.float64] = np.zeros(grid.shape)
+        self.max_sinkage: NDArray[np.float64] = np.zeros(grid.shape)
         self._rising_cells: NDArray[np.int64] = np.zeros(0, dtype=np.int64)  # flat, unique
         self._is_rising: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
         self._changed: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
         self._has_changes = False
 
-    @property
-    def volume_mm3(self) -> NDArray[np.float64]:
-        """Bank volume of each column [mm^3], shape (rows, cols), float64; NaN where unknown."""
-        return self._compaction.volume_mm3
-
-    @property
-    def max_sinkage(self) -> NDArray[np.float64]:
-        """Maximum depth of soles below the undisturbed surface [m], same shape; soles write it."""
-        return self._compaction.max_sinkage
-
     def continue_from(self, other: Ground) -> None:
-        """Take terrain and compaction from a ground of the same grid; soils keep their ids.
+        """Take terrain and ruts from a ground of the same grid; soils keep their ids.
 
         Raises:
             GroundError: it has a soil that this one lacks.
         """
         self._check_soil_ids(other.soil)
-        self._compaction.continue_from(other._compaction)
         for layer, before in (
             (self.soil, other.soil),
             (self.moisture, other.moisture),
             (self.elevation, other.elevation),
             (self.surface, other.surface),
             (self.undisturbed_surface, other.undisturbed_surface),
+            (self.rut_depth, other.rut_depth),
+            (self.max_sinkage, other.max_sinkage),
             (self._is_rising, other._is_rising),
         ):
             layer[:] = before
@@ -125,18 +122,21 @@ class Ground:
                 f"a terrain map has the grid {keyframe.grid}; the run has {self.grid}",
                 ErrorCode.GRID,
             )
-        layers = (keyframe.elevation, keyframe.volume_mm3, keyframe.soil, keyframe.moisture)
+        layers = (keyframe.elevation, keyframe.rut_depth, keyframe.soil, keyframe.moisture)
         if any(layer.shape != self.grid.shape for layer in layers):
             raise ExchangeError(
                 f"the layers of a terrain map have the shapes {[each.shape for each in layers]};"
                 f" the grid has {self.grid.shape}",
                 ErrorCode.GRID,
             )
-        if not np.isfinite(keyframe.elevation).all() or keyframe.soil.max() >= len(self.soils):
+        is_finite = np.isfinite(keyframe.elevation).all() and np.isfinite(keyframe.rut_depth).all()
+        if not is_finite or keyframe.rut_depth.min() < 0.0:
             raise ExchangeError(
-                "a terrain map has heights that are not finite, or soils unknown in the run",
+                "a terrain map has heights or depths of ruts that are not finite, or below 0",
                 ErrorCode.VALUE,
             )
+        if keyframe.soil.max() >= len(self.soils):
+            raise ExchangeError("a terrain map has soils unknown in the run", ErrorCode.VALUE)
 
     def apply_keyframe(self, keyframe: Keyframe) -> None:
         """Replace the whole terrain; the contact surface rises to it at its limited speed."""
@@ -145,14 +145,11 @@ class Ground:
             np.minimum(keyframe.moisture, _MAX_MOISTURE),
         )
         elevation = self._rounded_heights(keyframe.elevation)
-        rise, volume = (elevation - self.elevation).reshape(-1), keyframe.volume_mm3.reshape(-1)
-        self._compaction.apply_changes(np.arange(rise.size), rise, volume.astype(np.float64))
-        self.elevation[:] = elevation
-        np.minimum(self.surface, self.elevation, out=self.surface)
-        self.undisturbed_surface[:] = self.surface + self._compaction.compaction_depth
-        self._changed[:] = self._has_changes = True
-        self._is_rising[:] = self.surface < self.elevation
-        self._rising_cells = np.flatnonzero(self._is_rising)
+        self._set_cells(
+            np.arange(elevation.size),
+            elevation.reshape(-1),
+            keyframe.rut_depth.reshape(-1).astype(np.float64),
+        )
 
     def apply_changes(self, map_updates: Rows) -> None:
         """Apply changed heights, soils and moistures.
@@ -164,8 +161,8 @@ class Ground:
             return
         soil = self._check_soil_ids(map_updates["soil"])
         cells = np.ravel_multi_index((map_updates["row"], map_updates["col"]), self.grid.shape)
-        heights, volume = (map_updates[name].astype(np.float64) for name in ("z", "volume_mm3"))
-        self._set_cells(cells, heights, volume)
+        heights, ruts = (map_updates[name].astype(np.float64) for name in ("z", "rut_depth"))
+        self._set_cells(cells, heights, ruts)
         self.soil.reshape(-1)[cells] = soil
         self.moisture.reshape(-1)[cells] = np.minimum(map_updates["moisture"], _MAX_MOISTURE)
 
@@ -174,35 +171,34 @@ class Ground:
         rows: NDArray[np.integer],
         cols: NDArray[np.integer],
         heights: NDArray[np.floating],
-        volume_mm3: NDArray[np.float64] | None = None,
     ) -> None:
-        """Set `elevation[rows, cols] = heights` [m], and bank volumes [mm^3] if known."""
+        """Set `elevation[rows, cols] = heights` [m]; the depths of ruts remain."""
         if rows.size == 0:
             return
-        volume = np.full(rows.size, np.nan)
-        if volume_mm3 is not None:
-            volume[:] = volume_mm3
         cells = np.ravel_multi_index((rows, cols), self.grid.shape)
-        self._set_cells(cells, np.ascontiguousarray(heights, dtype=np.float64), volume)
+        self._set_cells(
+            cells,
+            np.ascontiguousarray(heights, dtype=np.float64),
+            self.rut_depth.reshape(-1)[cells],
+        )
 
     def _set_cells(
         self,
         cells: NDArray[np.int64],
         heights: NDArray[np.float64],
-        volume_mm3: NDArray[np.float64],
+        rut_depths: NDArray[np.float64],
     ) -> None:
-        """Set heights [m] and bank volumes of cells; an unknown volume is NaN."""
+        """Set heights and depths of ruts of cells [m]."""
         if not np.isfinite(heights).all():
             raise GroundError("a changed cell has no finite height; resync from the terrain map")
-        self._compaction.apply_changes(
-            cells, heights - self.elevation.reshape(-1)[cells], volume_mm3
-        )
         self._rising_cells = set_cells(
             cells,
             heights,
+            rut_depths,
             self.elevation,
             self.surface,
-            self._compaction.compaction_depth,
+            self.rut_depth,
+            self.max_sinkage,
             self.undisturbed_surface,
             self._changed,
             self._is_rising,
@@ -230,7 +226,7 @@ class Ground:
             MAX_RISE_SPEED * dt,
             self.elevation,
             self.surface,
-            self._compaction.compaction_depth,
+            self.rut_depth,
             self.undisturbed_surface,
             self._changed,
             self._is_rising,

@@ -10,6 +10,9 @@ from msg_bridge.kernels import kernel
 
 __all__ = ["raise_surface", "set_cells", "surface_at"]
 
+_ROUNDING_TOLERANCE = 1e-4
+"""Height change [m] below which it is a rounding error of messages."""
+
 
 @kernel(inline="always")
 def surface_at(surface, x_first, y_first, inverse_cell, x, y):  # type: ignore[no-untyped-def]
@@ -36,21 +39,23 @@ def surface_at(surface, x_first, y_first, inverse_cell, x, y):  # type: ignore[n
 def set_cells(  # type: ignore[no-untyped-def]
     cells,
     heights,
+    rut_depths,
     elevation,
     surface,
-    compaction_depth,
+    rut_depth,
+    max_sinkage,
     undisturbed_surface,
     changed,
     is_rising,
     rising,
 ):
-    """Set the heights of changed cells.
+    """Set the heights and the depths of ruts of changed cells.
 
     Args:
         cells: flat indices of the changed cells.
-        heights: their new heights [m].
-        elevation, surface, undisturbed_surface: layers of `Ground` [m], updated.
-        compaction_depth: layer of `TrackCompaction` [m].
+        heights, rut_depths: their new heights and depths of ruts [m].
+        elevation, surface, rut_depth, max_sinkage, undisturbed_surface: layers of `Ground` [m],
+            updated.
         changed: set where a cell has changed, shape (rows, cols).
         is_rising: whether each cell rises, shape (rows, cols); updated.
         rising: flat indices of the cells that rise already.
@@ -65,32 +70,39 @@ def set_cells(  # type: ignore[no-untyped-def]
     count = rising.size
     for n in range(cells.size):
         i, j = cells[n] // cols, cells[n] % cols
-        elevation[i, j] = heights[n]
+        pressed = max(rut_depths[n] - rut_depth[i, j], 0.0)
+        moved = abs(heights[n] - elevation[i, j] + pressed)  # height of soil added or removed
+        if moved > _ROUNDING_TOLERANCE:
+            max_sinkage[i, j] -= moved
+        max_sinkage[i, j] = max(max_sinkage[i, j], rut_depths[n])
+        elevation[i, j], rut_depth[i, j] = heights[n], rut_depths[n]
         changed[i, j] = True
-        if heights[n] < surface[i, j]:
-            surface[i, j] = heights[n]
-        elif not is_rising[i, j]:
+        undisturbed = heights[n] + rut_depths[n]
+        surface[i, j] = min(surface[i, j], heights[n])
+        undisturbed_surface[i, j] = min(undisturbed_surface[i, j], undisturbed)
+        is_below = surface[i, j] < heights[n] or undisturbed_surface[i, j] < undisturbed
+        if is_below and not is_rising[i, j]:
             is_rising[i, j] = True
             still_rising[count] = cells[n]
             count += 1
-        undisturbed_surface[i, j] = surface[i, j] + compaction_depth[i, j]
     return still_rising[:count].copy()
 
 
 @kernel
 def raise_surface(  # type: ignore[no-untyped-def]
-    rising, step, elevation, surface, compaction_depth, undisturbed_surface, changed, is_rising
+    rising, step, elevation, surface, rut_depth, undisturbed_surface, changed, is_rising
 ):
-    """Raise cells by `step` [m] at most, and return those that are still below `elevation`."""
+    """Raise cells by `step` [m] at most, and return those that are still below their heights."""
     cols = elevation.shape[1]
     remaining = np.empty(rising.size, dtype=np.int64)
     count = 0
     for n in range(rising.size):
         i, j = rising[n] // cols, rising[n] % cols
+        undisturbed = elevation[i, j] + rut_depth[i, j]
         surface[i, j] = min(surface[i, j] + step, elevation[i, j])
-        undisturbed_surface[i, j] = surface[i, j] + compaction_depth[i, j]
+        undisturbed_surface[i, j] = min(undisturbed_surface[i, j] + step, undisturbed)
         changed[i, j] = True
-        is_rising[i, j] = surface[i, j] < elevation[i, j]
+        is_rising[i, j] = surface[i, j] < elevation[i, j] or undisturbed_surface[i, j] < undisturbed
         if is_rising[i, j]:
             remaining[count] = rising[n]
             count += 1

@@ -11,13 +11,13 @@ left and the right end of a strip. The action is to cut, to mill or to compact:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem import Pose
 from machine_sim.machine.spec import TrackSpec
+from machine_sim.machine.tracks.track_model import SoleContact
 from msg_bridge.contract.rows import (
     MAX_MILLING_WORK,
     SWEEP,
@@ -40,6 +40,8 @@ _MIN_POINT_DISPLACEMENT = 1e-5
 
 _MIN_TRACK_DISPLACEMENT = 2e-4
 """Displacement of all track points in a tick [m] below which the machine stands."""
+
+_NO_CONTACT = SoleContact((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
 
 _CUT, _COMPACT, _MILL = map(int, (SweepAction.CUT, SweepAction.COMPACT, SweepAction.MILL))
 
@@ -175,17 +177,21 @@ class TrackSweep:
         self._key_points.rows["pair"] %= 2
         self._key_points.rows["tool"][num_points // 2 :] += 1
         self._key_points.rows["action"] = SweepAction.COMPACT
+        self._pressure: NDArray[np.float32] = self._key_points.rows["pressure"].reshape(2, 2, 2)
 
-    def rows(self, start: Pose, end: Pose, sole_heights: Sequence[float] = (0.0, 0.0)) -> Rows:
+    def rows(self, start: Pose, end: Pose, contact: SoleContact = _NO_CONTACT) -> Rows:
         """Return the SWEEP rows of one tick: front and rear edge of each track, left track first.
 
         A machine at rest has no rows: the ground under it is compacted already.
 
         Args:
             start, end: pose of the base frame, whose origin is on the ground.
-            sole_heights: z of the soles in the base frame, left and right [m].
+            contact: of the soles with the ground.
         """
-        self._left_heights[:], self._right_heights[:] = sole_heights
+        self._left_heights[:], self._right_heights[:] = contact.heights
+        for side in range(2):
+            self._pressure[side, 0] = contact.front_pressures[side]
+            self._pressure[side, 1] = contact.rear_pressures[side]
         strip = self._key_points
         if strip.move(self._points, start, end) < _MIN_TRACK_DISPLACEMENT:
             return empty_rows(SWEEP)

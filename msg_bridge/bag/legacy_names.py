@@ -47,8 +47,14 @@ FIELDS = {
 """Fields of points, and labels of arrays after their last dot."""
 
 ADDED_FIELDS: dict[str, tuple[tuple[str, str, str, float], ...]] = {
-    "tool_sweeps": (("room_mm3", "<u4", "pair", 2**32 - 1), ("work", "<f4", "run_id", 0.0)),
+    "tool_sweeps": (
+        ("room_mm3", "<u4", "pair", 2**32 - 1),
+        ("work", "<f4", "run_id", 0.0),
+        ("pressure", "<f4", "run_id", 0.0),
+    ),
     "forces": (("work", "<f4", "run_id", 0.0),),
+    "map_updates": (("rut_depth", "<f4", "run_id", 0.0),),
+    "map": (("rut_depth", "<f4", "revision", 0.0),),
 }
 """Fields that were added to rows, by the last part of their topic: name, type, the field that they
 come before, and their value in older recordings."""

@@ -45,6 +45,7 @@ TERRAIN_CELL = np.dtype(
         ("soil", "<f4"),  # id of the soil type at the surface, as in /sim/config
         ("design_difference", "<f4"),  # elevation minus design [m], NaN without a design
         ("volume_mm3", "<f8"),  # bank volume above the floor; exact: integers below 2**53
+        ("rut_depth", "<f4"),  # by which the surface was pressed down [m]
         ("revision", "<u4"),  # the same in every cell
         ("run_id", "<u4"),  # the same in every cell
     ]
@@ -90,6 +91,11 @@ class TerrainMap:
         return self.keyframe.soil
 
     @property
+    def rut_depth(self) -> NDArray[np.float32]:
+        """Depth by which the surface was pressed down [m]."""
+        return self.keyframe.rut_depth
+
+    @property
     def moisture(self) -> NDArray[np.uint8]:
         """Moisture at the surface [% of saturation]."""
         return self.keyframe.moisture
@@ -117,6 +123,7 @@ def to_terrain_cloud(terrain: TerrainMap, frame_id: str, stamp: Time) -> PointCl
         ("loose_depth", terrain.loose_depth),
         ("volume_mm3", volume),
         ("design_difference", terrain.design_difference),
+        ("rut_depth", terrain.rut_depth),
         *((name, getattr(terrain, name)) for name in _MAX_VALUES),
     ):
         if layer.shape != grid.shape:
@@ -163,6 +170,7 @@ def to_terrain_cloud(terrain: TerrainMap, frame_id: str, stamp: Time) -> PointCl
         band["soil"] = terrain.soil[rows]
         band["design_difference"] = terrain.design_difference[rows]
         band["volume_mm3"] = volume[rows]
+        band["rut_depth"] = terrain.rut_depth[rows]
         band["revision"] = frame.revision
         band["run_id"] = frame.run_id
     return msg
@@ -235,7 +243,10 @@ def _keyframe_from_cells(cells: Rows, cell: float | None) -> Keyframe:
     is_integer = volume == np.rint(volume)
     _check("volume", (volume >= 0.0) & (volume < _MAX_VOLUME_MM3) & is_integer)
     soil, moisture = _integer_layer(cells, "soil"), _integer_layer(cells, "moisture")
-    return Keyframe(run_id, revision, grid, elevation, volume.astype(np.int64), soil, moisture)
+    rut_depth = cells["rut_depth"].astype(np.float32)
+    _check("rut_depth", (rut_depth >= 0.0) & (rut_depth < np.inf))
+    layers = volume.astype(np.int64), soil, moisture, rut_depth
+    return Keyframe(run_id, revision, grid, elevation, *layers)
 
 
 def _integer_layer(cells: Rows, name: str) -> NDArray[np.uint8]:

@@ -265,6 +265,7 @@ class Keyframe:
         volume_mm3: bank volume of each column above the floor [mm^3], int64, same shape.
         soil: id of the soil type at the surface, uint8, same shape.
         moisture: moisture at the surface [% of saturation], uint8, same shape.
+        rut_depth: depth by which the surface was pressed down [m], float32, same shape.
     """
 
     run_id: int
@@ -274,10 +275,16 @@ class Keyframe:
     volume_mm3: NDArray[np.int64] = None  # type: ignore[assignment]
     soil: NDArray[np.uint8] = None  # type: ignore[assignment]
     moisture: NDArray[np.uint8] = None  # type: ignore[assignment]
+    rut_depth: NDArray[np.float32] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         """Fill in the layers that are not given."""
-        for name, kind in (("volume_mm3", np.int64), ("soil", np.uint8), ("moisture", np.uint8)):
+        for name, kind in (
+            ("volume_mm3", np.int64),
+            ("soil", np.uint8),
+            ("moisture", np.uint8),
+            ("rut_depth", np.float32),
+        ):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros(self.grid.shape, dtype=kind))
 

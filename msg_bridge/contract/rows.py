@@ -20,6 +20,7 @@ __all__ = [
     "FORCE_VECTORS",
     "MAP_UPDATE",
     "MAX_MILLING_WORK",
+    "MAX_PRESSURE",
     "MAX_ROW_VOLUME",
     "SWEEP",
     "SWEEP_SEGMENT",
@@ -58,7 +59,8 @@ class SweepAction(IntEnum):
     CUT = 0
     """Removes soil, as much as the tool has room for, and pushes the rest ahead: a cutting edge."""
     COMPACT = 1
-    """Pushes soil down without removing it: a track shoe, the back of a bucket."""
+    """Pushes soil down without removing it: a track shoe, the back of a bucket. Loose soil yields
+    to bank density; firm soil yields to the pressure of the row, as far as that makes it sink."""
     MILL = 2
     """Removes soil on all sides by rotating picks, as far as the reported work suffices: a cutting
     drum that is driven. All of its pairs mill. Its key points form a closed curve, which does not
@@ -104,6 +106,7 @@ SWEEP = np.dtype(
         ("machine_id", "<u2"),
         ("action", "u1"),  # SweepAction
         ("work", "<f4"),  # that a drum can deliver in the tick [J], the same in all of its rows
+        ("pressure", "<f4"),  # on the ground at the key point [Pa]; 0 unless it compacts
     ]
 )
 """Motion of one key point of a tool over a tick, machine to soil; the pair at the lip comes
@@ -111,6 +114,9 @@ first. All rows of a tool repeat its room and its work, which is 0 for tools tha
 
 MAX_MILLING_WORK = 1e6
 """Largest work that a drum can deliver in a tick [J]: 100 MW at ticks of 10 ms."""
+
+MAX_PRESSURE = 1e8
+"""Largest pressure on the ground [Pa]: steel on rock is below it."""
 
 SWEEP_SEGMENT = np.dtype([("ends", "<f4", (6,)), ("rest", f"V{SWEEP.itemsize - 24}")])
 """Dtype for views of SWEEP rows: `ends` is x0, y0, z0, x1, y1, z1 as one array field [m]."""
@@ -165,6 +171,7 @@ MAP_UPDATE = np.dtype(
         ("seq", "<u4"),
         ("soil", "u1"),  # id of the soil type at the surface
         ("moisture", "u1"),  # at the surface [% of saturation]
+        ("rut_depth", "<f4"),  # by which the surface was pressed down [m]
     ]
 )
 """Complete state of a column that changed in a tick, slope failure included, soil to all."""

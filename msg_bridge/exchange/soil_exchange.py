@@ -68,7 +68,7 @@ class SoilExchange:
         Args:
             grid: the grid of the terrain.
             elevation: returns the present elevation [m], shape (rows, cols).
-            layers: returns the present `volume_mm3`, `soil` and `moisture`; None: zeros.
+            layers: returns the present `Layers`; None: zeros.
             expected: ids of the machines that must join before tick 1.
             admit_others: whether machines with other ids may join, too.
             run_id: number of the run.

@@ -22,8 +22,8 @@ from msg_bridge.exchange.machine_session import MachineSession
 
 __all__ = ["Layers", "Welcome"]
 
-Layers = tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8]]
-"""`volume_mm3`, `soil` and `moisture` of a `Keyframe`."""
+Layers = tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.float32]]
+"""`volume_mm3`, `soil`, `moisture` and `rut_depth` of a `Keyframe`."""
 
 
 class Welcome:
@@ -39,7 +39,7 @@ class Welcome:
         Args:
             grid: the grid of the terrain.
             elevation: returns the present elevation [m], shape (rows, cols).
-            layers: returns the present `volume_mm3`, `soil` and `moisture`; None: zeros.
+            layers: returns the present `Layers`; None: zeros.
         """
         self._grid = grid
         self._elevation = elevation

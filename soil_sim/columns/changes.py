@@ -1,6 +1,6 @@
 """Changes of the terrain in a tick: which columns, what volume, and the material of the surface.
 
-A column is changed if its firm, loose or bulk volume, or the kind or moisture of its surface,
+A column is changed if its firm or loose volume, its height, or the kind or moisture of its surface,
 differs from the end of the previous tick. A column that gave away exactly what it received is not.
 
 The surface becomes loose where loose soil was deposited, except on a slope that was at its angle of
@@ -32,7 +32,10 @@ _STEEP_FRACTION = 0.99
 _EXCAVATED, _LOOSE = int(SurfaceMaterial.EXCAVATED), int(SurfaceMaterial.LOOSE)
 
 _FIRM, _LOOSE_VOLUME, _BULK, _SURFACE = range(4)
-"""Fields of a row of the previous state: volumes [mm^3], `_surface_key` of the surface."""
+"""Fields of a row of the previous state: volumes [mm^3], `_surface_key` of the surface.
+
+The bulk volume is that of loose soil less the packing of firm soil: with the volume of firm soil it
+gives the height."""
 
 
 class ColumnChanges(NamedTuple):
@@ -80,7 +83,7 @@ class ChangeTracker:
         """Return the layers in the order of the fields of the previous state."""
         columns = self._columns
         surface = columns.top_soil.astype(np.int64) << 8 | columns.top_moisture
-        return columns.firm, columns.loose, columns.bulk, surface
+        return columns.firm, columns.loose, columns.bulk - columns.packing, surface
 
 
 @kernel
@@ -96,7 +99,7 @@ def _find_changes(  # type: ignore[no-untyped-def]
         is_volume_same = (
             firm[i] == previous[i, _FIRM]
             and loose[i] == previous[i, _LOOSE_VOLUME]
-            and bulk[i] == previous[i, _BULK]
+            and bulk[i] - columns.packing[i] == previous[i, _BULK]
         )
         if not (is_volume_same and _surface_key(columns, i) == previous[i, _SURFACE]):
             touched[n], touched[count] = touched[count], i
@@ -118,7 +121,7 @@ def _find_changes(  # type: ignore[no-untyped-def]
         i = touched[n]
         previous[i, _FIRM] = firm[i]
         previous[i, _LOOSE_VOLUME] = loose[i]
-        previous[i, _BULK] = bulk[i]
+        previous[i, _BULK] = bulk[i] - columns.packing[i]
         previous[i, _SURFACE] = _surface_key(columns, i)
     return count
 

@@ -13,8 +13,12 @@ from msg_bridge.kernels import helper, kernel
 
 __all__ = [
     "add_loose",
-    "compact_column",
+    "compact_loose",
+    "firm_top",
     "mix_moisture",
+    "pack_firm",
+    "packed_depth",
+    "remove_firm",
     "remove_from_column",
     "remove_loose",
     "stochastic_round",
@@ -25,10 +29,39 @@ _ROUNDING_TOLERANCE = 1e-9
 """Rounding error of a mean moisture of large volumes [%]."""
 
 
+@helper(inline="always")
+def firm_top(columns, i):  # type: ignore[no-untyped-def]
+    """Return the height of the surface of the firm soil of column i [m]."""
+    return columns.floor + (columns.firm[i] - columns.packing[i]) * columns.metres_per_mm3
+
+
+@helper(inline="always")
+def packed_depth(columns, i):  # type: ignore[no-untyped-def]
+    """Return the thickness of the packed soil at the top of the firm soil of column i [m]."""
+    packing = columns.packing[i]
+    if packing == 0:
+        return 0.0
+    shrinkage = columns.shrinkage[columns.soil[i]]
+    return packing * ((1.0 - shrinkage) / shrinkage) * columns.metres_per_mm3
+
+
 @helper(forceinline=True)
 def update_height(columns, i):  # type: ignore[no-untyped-def]
+    """Compute the height of column i from its volumes, and mark the column as touched.
+
+    Soil that was added to a rut, or removed from it, makes it less deep by its height.
+    """
+    before = columns.height[i]
+    _set_height(columns, i)
+    if columns.rut_volume[i] > 0:
+        change = abs(columns.height[i] - before) / columns.metres_per_mm3
+        columns.rut_volume[i] -= min(np.int64(change + 0.5), columns.rut_volume[i])
+
+
+@helper(forceinline=True)
+def _set_height(columns, i):  # type: ignore[no-untyped-def]
     """Compute the height of column i from its volumes, and mark the column as touched."""
-    volume = columns.firm[i] + columns.bulk[i]
+    volume = columns.firm[i] - columns.packing[i] + columns.bulk[i]
     columns.height[i] = columns.floor + volume * columns.metres_per_mm3
     if columns.is_touched[i] == 0:
         columns.is_touched[i] = 1
@@ -124,15 +157,38 @@ def remove_from_column(columns, i, bulk):  # type: ignore[no-untyped-def]
             rest = bulk - remove_loose(columns, i, from_loose)
     from_firm = np.int64(0)
     if columns.loose[i] == 0 and rest > 0.5:
-        from_firm = min(np.int64(rest + 0.5), columns.firm[i])
-        if from_firm > 0:
-            columns.firm[i] -= from_firm
-            update_height(columns, i)
+        from_firm = remove_firm(columns, i, rest)
     return from_loose, from_firm
 
 
 @kernel(forceinline=True)
-def compact_column(columns, i, bulk):  # type: ignore[no-untyped-def]
+def remove_firm(columns, i, bulk):  # type: ignore[no-untyped-def]
+    """Remove firm soil of a bulk volume [mm^3] from column i: packed soil is on top.
+
+    Returns:
+        Bank volume of the soil removed [mm^3], an integer; never more than the column holds.
+    """
+    bulk = np.int64(bulk + 0.5)
+    packing = columns.packing[i]
+    bank, regained = bulk, np.int64(0)
+    if packing > 0:
+        shrinkage = columns.shrinkage[columns.soil[i]]
+        packed_bulk = packing * ((1.0 - shrinkage) / shrinkage)
+        regained = packing
+        if bulk < packed_bulk:
+            regained = min(np.int64(bulk * (shrinkage / (1.0 - shrinkage)) + 0.5), packing)
+        bank = bulk + regained
+    if bank > columns.firm[i]:
+        bank, regained = columns.firm[i], packing
+    if bank > 0:
+        columns.firm[i] -= bank
+        columns.packing[i] -= regained
+        update_height(columns, i)
+    return bank
+
+
+@kernel(forceinline=True)
+def compact_loose(columns, i, bulk):  # type: ignore[no-untyped-def]
     """Reduce the bulk volume of the loose soil of column i by `bulk` [mm^3].
 
     The bulk volume does not become smaller than the bank volume.
@@ -144,5 +200,25 @@ def compact_column(columns, i, bulk):  # type: ignore[no-untyped-def]
     if reduction <= 0:
         return np.int64(0)
     columns.bulk[i] -= reduction
-    update_height(columns, i)
+    columns.rut_volume[i] += reduction
+    _set_height(columns, i)
+    return reduction
+
+
+@kernel(forceinline=True)
+def pack_firm(columns, i, bulk):  # type: ignore[no-untyped-def]
+    """Reduce the volume of the firm soil of column i by `bulk` [mm^3].
+
+    At most all of it is packed, denser than bank soil by the shrinkage of its kind.
+
+    Returns:
+        The reduction [mm^3].
+    """
+    max_packing = np.int64(columns.firm[i] * columns.shrinkage[columns.soil[i]])
+    reduction = min(np.int64(bulk), max_packing - columns.packing[i])
+    if reduction <= 0:
+        return np.int64(0)
+    columns.packing[i] += reduction
+    columns.rut_volume[i] += reduction
+    _set_height(columns, i)
     return reduction

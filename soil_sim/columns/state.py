@@ -5,7 +5,11 @@ as whole mm^3 of bank volume, so that the volume of the terrain is an exact inte
 occupies more space, its *bulk* volume, also kept as whole mm^3: (1 + swell) times its bank volume
 when it is loosened, less after compaction. The bulk volume determines the height only::
 
-    height = floor + (firm + bulk) / cell area
+    height = floor + (firm - packing + bulk) / cell area
+
+Firm soil that tracks press down is *packed*: it is denser by the shrinkage of its kind, which is
+the same in all packed soil of a kind. A deeper rut is of a thicker packed layer, which begins at
+the top of the firm soil. `packing` is the volume that the column lost by it; no soil moves.
 
 The kind and moisture of the firm soil of a column never change. The loose soil of a column has the
 kind of the larger part of it: when soil of other kinds comes to be more than half, the kind is that
@@ -43,7 +47,7 @@ _MAX_MAP_MM3 = 2**62
 
 _STATE_LAYERS = (
     *("firm", "loose", "bulk", "height", "soil", "loose_soil", "minority_volume"),
-    *("moisture", "loose_moisture"),
+    *("moisture", "loose_moisture", "packing", "rut_volume"),
 )
 """Layers of `ColumnArrays` that are the state of the terrain."""
 
@@ -67,9 +71,13 @@ class ColumnArrays(NamedTuple):
         soil, loose_soil: ids of the kinds of firm and loose soil, uint8.
         minority_volume: loose soil of another kind than `loose_soil` [mm^3 bank], int64.
         moisture, loose_moisture: of firm and loose soil [%], uint8.
+        packing: reduction of the volume of the firm soil by pressing [mm^3], int64.
+        rut_volume: volume by which pressing lowered the surface [mm^3], int64.
         is_touched: 1 where a column was touched since `Columns.pop_touched`, uint8.
         touched: number of the touched columns, followed by their indices, int64.
         bulking_factor: bulk over bank volume of freshly loosened soil, by kind, float64.
+        shrinkage: reduction of the volume of firm soil that is packed, over its bank volume, by
+            kind, float64.
         metres_per_mm3: rise of the surface for one mm^3 of bulk volume [m].
         floor: height of the undiggable floor [m].
     """
@@ -83,9 +91,12 @@ class ColumnArrays(NamedTuple):
     minority_volume: NDArray[np.int64]
     moisture: NDArray[np.uint8]
     loose_moisture: NDArray[np.uint8]
+    packing: NDArray[np.int64]
+    rut_volume: NDArray[np.int64]
     is_touched: NDArray[np.uint8]
     touched: NDArray[np.int64]
     bulking_factor: NDArray[np.float64]
+    shrinkage: NDArray[np.float64]
     metres_per_mm3: float
     floor: float
 
@@ -107,8 +118,13 @@ class Columns:
             there is no loose soil.
         moisture, loose_moisture: of firm and loose soil [% of saturation], shape (rows, cols),
             uint8.
+        packing: reduction of the volume of the firm soil by pressing [mm^3], shape (rows, cols),
+            int64; the soil that is packed is at its top, and its kind's shrinkage denser than bank
+            soil.
+        rut_volume: volume by which pressing lowered the surface [mm^3], shape (rows, cols), int64;
+            soil that is added or removed since then reduces it.
         material: `SurfaceMaterial` of each column, shape (rows, cols), uint8.
-        height: surface [m], shape (rows, cols), float64; computed from firm and bulk.
+        height: surface [m], shape (rows, cols), float64; computed from firm, packing and bulk.
         arrays: flat views of these layers for kernels. Write into the layers in place: a layer that
             is replaced by another array no longer belongs to the views.
         boxed_arrays: the same, boxed.
@@ -163,6 +179,9 @@ class Columns:
         self.loose_moisture = self.moisture.copy()
         self.material = np.full(grid.shape, SurfaceMaterial.UNDISTURBED, dtype=np.uint8)
         self._minority_volume: NDArray[np.int64] = np.zeros(grid.shape, dtype=np.int64)
+        # Zeros take no memory until they are written, and few sites are driven over everywhere.
+        self.packing: NDArray[np.int64] = np.zeros(grid.shape, dtype=np.int64)
+        self.rut_volume: NDArray[np.int64] = np.zeros(grid.shape, dtype=np.int64)
         self.height: NDArray[np.float64] = np.asarray(
             self.floor + self.firm * self.metres_per_mm3, dtype=np.float64
         )
@@ -179,9 +198,12 @@ class Columns:
             minority_volume=self._minority_volume.reshape(-1),
             moisture=self.moisture.reshape(-1),
             loose_moisture=self.loose_moisture.reshape(-1),
+            packing=self.packing.reshape(-1),
+            rut_volume=self.rut_volume.reshape(-1),
             is_touched=self._is_touched,
             touched=self._touched,
             bulking_factor=self.tables.bulking_factor,
+            shrinkage=self.tables.shrinkage,
             metres_per_mm3=self.metres_per_mm3,
             floor=self.floor,
         )
@@ -196,6 +218,16 @@ class Columns:
     def total_mm3(self) -> int:
         """Bank volume of all columns above the floor [mm^3], summed over the map."""
         return int(self.firm.sum()) + int(self.loose.sum())
+
+    @property
+    def firm_height(self) -> NDArray[np.float64]:
+        """Height of the surface of the firm soil [m], shape (rows, cols), float64."""
+        return np.asarray(self.floor + (self.firm - self.packing) * self.metres_per_mm3)
+
+    @property
+    def rut_depth(self) -> NDArray[np.float32]:
+        """Depth by which pressing lowered the surface [m], shape (rows, cols), float32."""
+        return np.asarray(self.rut_volume * self.metres_per_mm3, dtype=np.float32)
 
     @property
     def loose_depth(self) -> NDArray[np.float64]:

@@ -1,10 +1,11 @@
 """Volume and state hash of the terrain, kept by tiles so that a tick costs what it changed.
 
 The state hash is the SHA-256 of the digests of all tiles; only tiles with touched columns are
-hashed again. It covers the volumes of every column (firm, loose and bulk), the kinds and the
-moistures of its soil. It does not cover the grid and the floor, the positions of tools, the shape
-of a cut within a column, or the queue of columns to relax. Two terrains with the same grid and hash
-are in the same state, and evolve in the same way once no tool is in the soil and all is at rest.
+hashed again. It covers the volumes of every column (firm, loose and bulk, packing and rut), the
+kinds and the moistures of its soil. It does not cover the grid and the floor, the positions of
+tools, the shape of a cut within a column, or the queue of columns to relax. Two terrains with the
+same grid and hash are in the same state, and evolve in the same way once no tool is in the soil and
+all is at rest.
 """
 
 from __future__ import annotations
@@ -69,6 +70,8 @@ class TileChecksums:
                 columns.loose_soil,
                 columns.moisture,
                 columns.loose_moisture,
+                columns.packing,
+                columns.rut_volume,
             ):
                 digest.update(layer[window].tobytes())
             self._digests[tile] = digest.digest()

@@ -13,7 +13,7 @@ import numpy as np
 
 from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.occupancy import TOOL_INSIDE
-from soil_sim.columns.operations import add_loose, remove_loose, update_height
+from soil_sim.columns.operations import add_loose, firm_top, remove_firm, remove_loose
 from soil_sim.slope_failure.cell_queue import dequeue, enqueue, is_empty
 from soil_sim.slope_failure.neighbourhood import is_tool_between
 from soil_sim.slope_failure.noise import random_uniform
@@ -90,7 +90,7 @@ def relax_cells(slopes, budget):  # type: ignore[no-untyped-def]
     """
     # The arrays are read from their tuples here: in the loops Numba would count references to them.
     columns, params, occupied, queue = slopes.table
-    firm, loose, height = columns.firm, columns.loose, columns.height
+    loose, height = columns.loose, columns.height
     offsets, between, distance = params.offsets, params.between, params.distance
     tolerance = params.tolerance
     rows, cols, reach = params.rows, params.cols, params.reach
@@ -120,8 +120,8 @@ def relax_cells(slopes, budget):  # type: ignore[no-untyped-def]
             if params.repose_tan_scale.size:
                 tangent *= params.repose_tan_scale[i]
                 firm_tangent *= params.repose_tan_scale[i]
-            firm_height = columns.floor + firm[i] * columns.metres_per_mm3
-            slope = _SlopeLimits(tangent, firm_tangent, firm_height, loose[i] > 0, include_firm)
+            top = firm_top(columns, i)
+            slope = _SlopeLimits(tangent, firm_tangent, top, loose[i] > 0, include_firm)
             target, excess, firm_excess, is_firm_steep = _find_target(
                 height, occupied, offsets, index_offset, between, distance, (rows, cols), i,
                 is_interior, slope, forward, tolerance, params.jitter, random_state,
@@ -289,10 +289,8 @@ def _move_soil(columns, i, j, excess, firm_excess, max_layer):  # type: ignore[n
         bulking_factor = columns.bulking_factor[kind]
         remaining = min(remaining, firm_excess)
         volume = np.int64(remaining / metres_per_mm3 / (1.0 + bulking_factor))
-        volume = min(volume, columns.firm[i])
         if volume > 0:
-            columns.firm[i] -= volume
-            update_height(columns, i)
+            volume = remove_firm(columns, i, volume)
             bulk = np.int64(volume * bulking_factor + 0.5)
             add_loose(columns, j, volume, bulk, kind, columns.moisture[i])
             has_moved = True

@@ -35,7 +35,6 @@ def max_slope_excess(
         scale = params.repose_tan_scale.reshape(rows, cols)
         repose_tan, firm_repose_tan = repose_tan * scale, firm_repose_tan * scale
     is_unstable = unstable_columns(columns.arrays, params, occupied.reshape(-1)).reshape(rows, cols)
-    firm_height = columns.floor + columns.firm * columns.metres_per_mm3
     is_occupied = occupied.astype(bool)
     largest = -math.inf
     for (di, dj), distance in zip(params.offsets, params.distance, strict=True):
@@ -48,7 +47,7 @@ def max_slope_excess(
             continue
         # Only loose soil, as deep as it is, and unstable firm soil can slide.
         surface = columns.height[a] - columns.height[b] - repose_tan[a] * distance
-        face = firm_height[a] - columns.height[b] - firm_repose_tan[a] * distance
+        face = columns.firm_height[a] - columns.height[b] - firm_repose_tan[a] * distance
         firm = np.where(is_unstable[a], face, -math.inf)
         loose = np.minimum(surface, columns.loose_depth[a])
         excess = np.maximum(np.where(columns.loose[a] > 0, loose, firm), firm)

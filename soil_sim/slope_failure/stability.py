@@ -29,6 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.occupancy import TOOL_INSIDE
+from soil_sim.columns.operations import firm_top
 from soil_sim.slope_failure.cell_queue import enqueue
 from soil_sim.slope_failure.neighbourhood import is_tool_between
 from soil_sim.soils.soil_types import SoilTables
@@ -206,7 +207,7 @@ def find_toe(columns, params, occupied, i):  # type: ignore[no-untyped-def]
             limit = columns.height[j] + max(near[kind, moisture, k], tangent * params.distance[k])
             if (
                 limit < height
-                and occupied[j] == 0
+                and occupied[j] != TOOL_INSIDE
                 and not is_tool_between(occupied, params.between, i, k)
             ):
                 toe, height = j, limit
@@ -215,7 +216,8 @@ def find_toe(columns, params, occupied, i):  # type: ignore[no-untyped-def]
         if 0 <= r < params.rows and 0 <= c < params.cols:
             j = r * params.cols + c
             limit = columns.height[j] + far[kind, moisture, k]
-            if limit < height and occupied[j] == 0 and not _is_supported(occupied, params, i, k):
+            is_free = occupied[j] != TOOL_INSIDE
+            if limit < height and is_free and not _is_supported(occupied, params, i, k):
                 toe, height = j, limit
     return toe, height
 
@@ -241,8 +243,7 @@ def unstable_columns(columns, params, occupied):  # type: ignore[no-untyped-def]
     unstable = np.empty(occupied.size, dtype=np.bool_)
     for i in range(occupied.size):
         toe, stable_height = find_toe(columns, params, occupied, i)
-        firm_height = columns.floor + columns.firm[i] * columns.metres_per_mm3
-        unstable[i] = toe < 0 or firm_height - stable_height > params.tolerance
+        unstable[i] = toe < 0 or firm_top(columns, i) - stable_height > params.tolerance
     return unstable
 
 
@@ -255,7 +256,6 @@ def enqueue_unstable_above(columns, params, i, queue):  # type: ignore[no-untype
         r, c = row - stability.distant_offsets[k, 0], col - stability.distant_offsets[k, 1]
         if 0 <= r < params.rows and 0 <= c < params.cols:
             j = r * params.cols + c
-            firm_height = columns.floor + columns.firm[j] * columns.metres_per_mm3
             limit = stability.distant_height[columns.soil[j], columns.moisture[j], k]
-            if firm_height - columns.height[i] - params.tolerance > limit:
+            if firm_top(columns, j) - columns.height[i] - params.tolerance > limit:
                 enqueue(queue, j)

@@ -23,7 +23,7 @@ import numpy as np
 
 from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.occupancy import TOOL_INSIDE
-from soil_sim.columns.operations import add_loose, update_height
+from soil_sim.columns.operations import add_loose, firm_top, remove_firm
 from soil_sim.slope_failure.cell_queue import enqueue
 from soil_sim.slope_failure.stability import face_length, find_toe
 
@@ -64,15 +64,15 @@ def fail_wedge(columns, params, occupied, i, queue):  # type: ignore[no-untyped-
         Whether the face was unstable: firm soil of the column is loose now.
     """
     toe, stable_height = find_toe(columns, params, occupied, i)
-    firm_height = columns.floor + columns.firm[i] * columns.metres_per_mm3
-    if toe < 0 or firm_height - stable_height <= params.tolerance:
+    top = firm_top(columns, i)
+    if toe < 0 or top - stable_height <= params.tolerance:
         return False
     cell, toe_height = params.distance[0], columns.height[toe]
     row, col = i // params.cols, i % params.cols
     rows, cols = row - toe // params.cols, col - toe % params.cols
     up_row, up_col = _direction_up(columns, params, i, rows, cols, toe_height)
     run = rows * up_row + cols * up_col  # from the toe [cells]
-    slope = math.atan2(firm_height - toe_height, face_length(run) * cell)
+    slope = math.atan2(top - toe_height, face_length(run) * cell)
     rise = cell * math.tan(0.5 * (slope + params.stability.friction[columns.soil[i]]))
     # At least down to where the column is stable.
     plane = min(toe_height + (run - 0.5) * rise, stable_height)
@@ -111,12 +111,10 @@ def _loosen_above(columns, occupied, i, plane, kind, queue):  # type: ignore[no-
     Returns:
         Whether there is any, of a kind and without a tool in it.
     """
-    height = columns.floor + columns.firm[i] * columns.metres_per_mm3 - plane
+    height = firm_top(columns, i) - plane
     if columns.soil[i] != kind or occupied[i] == TOOL_INSIDE or height <= 0.0:
         return False
-    volume = min(np.int64(height / columns.metres_per_mm3) + 1, columns.firm[i])
-    columns.firm[i] -= volume
-    update_height(columns, i)
+    volume = remove_firm(columns, i, np.int64(height / columns.metres_per_mm3) + 1)
     add_loose(columns, i, volume, volume, kind, columns.moisture[i])
     enqueue(queue, i)
     return True
@@ -158,7 +156,7 @@ def _is_steep(columns, params, i):  # type: ignore[no-untyped-def]
     tangent = params.repose_tan[columns.soil[i], columns.moisture[i]]
     if params.repose_tan_scale.size:
         tangent *= params.repose_tan_scale[i]
-    height = columns.floor + columns.firm[i] * columns.metres_per_mm3 - params.tolerance
+    height = firm_top(columns, i) - params.tolerance
     row, col = i // params.cols, i % params.cols
     for k in range(params.offsets.shape[0]):
         r, c = row + params.offsets[k, 0], col + params.offsets[k, 1]

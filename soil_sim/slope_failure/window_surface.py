@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from msg_bridge.kernels import kernel
 from soil_sim.columns.occupancy import FREE
+from soil_sim.columns.operations import firm_top
 from soil_sim.columns.state import Columns
 from soil_sim.slope_failure.relaxation_parameters import RelaxationParameters
 from soil_sim.slope_failure.window import WindowBounds
@@ -127,7 +128,7 @@ def _copy_surface(  # type: ignore[no-untyped-def]
             # bare.
             fixed = columns.floor
             if limit[kind, moisture, 0] > 0.0 or firm_tangent > _SAME_TANGENT * tangent:
-                fixed += columns.firm[i] * columns.metres_per_mm3
+                fixed = firm_top(columns, i)
             if params.repose_tan_scale.size:
                 tangent *= params.repose_tan_scale[i]
             heights[r, c] = columns.height[i] - lowest

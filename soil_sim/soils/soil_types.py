@@ -45,6 +45,13 @@ class SoilType(Parameters):
     swell: float = parameter(
         0.0, "increase of the bulk volume when loosened, over the bank volume", low=0.0, high=1.0
     )
+    shrinkage: float = parameter(
+        0.1, "reduction of the volume when packed by tracks, over the bank volume",
+        low=0.0, high=0.5,
+    )  # fmt: skip
+    packed_strength: float = parameter(
+        1.0, "cohesion of soil packed by tracks, over that of bank soil", low=0.0, high=100.0
+    )
     density: float = parameter(
         1600.0, "density of undisturbed (bank) soil", unit="kg/m3", low=500.0, high=4000.0
     )
@@ -179,6 +186,7 @@ class SoilTables(NamedTuple):
 
     Attributes:
         bulking_factor: bulk volume of loosened soil over its bank volume, shape (kinds,).
+        shrinkage: reduction of the volume of packed soil over its bank volume, shape (kinds,).
         repose_tan: tangent of the angle of repose, shape (kinds, MOISTURE_LEVELS).
         critical_height: maximum height of a stable vertical face of firm soil [m], shape
             (kinds, MOISTURE_LEVELS).
@@ -186,6 +194,7 @@ class SoilTables(NamedTuple):
     """
 
     bulking_factor: NDArray[np.float64]
+    shrinkage: NDArray[np.float64]
     repose_tan: NDArray[np.float64]
     critical_height: NDArray[np.float64]
     internal_friction: NDArray[np.float64]
@@ -204,6 +213,7 @@ def build_soil_tables(kinds: Sequence[SoilType]) -> SoilTables:
         raise SoilError(f"there are {len(kinds)} kinds of soil; give 1 to 256")
     return SoilTables(
         np.array([1.0 + kind.swell for kind in kinds]),
+        np.array([kind.shrinkage for kind in kinds]),
         np.array(
             [[math.tan(kind.repose_angle_at(m)) for m in range(MOISTURE_LEVELS)] for kind in kinds]
         ),

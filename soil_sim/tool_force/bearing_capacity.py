@@ -20,7 +20,7 @@ import math
 import numpy as np
 
 from msg_bridge.kernels import helper
-from soil_sim.tool_force.strength_table import column_index_at
+from soil_sim.tool_force.strength_table import column_index_at, loose_cover, packed_share
 from soil_sim.tool_force.wrench import add_force
 from soil_sim.vec3 import add, cross, divide, dot, key_point, norm, scale, subtract
 
@@ -175,9 +175,11 @@ def bearing_capacity(i, footing_width, surcharge_depth, columns, strength):  # t
         columns: `ForceColumns` of the terrain.
         strength: `strength_table` of its kinds of soil.
     """
-    firm_fraction = max(0.0, 1.0 - columns.bulk[i] * columns.metres_per_mm3 / footing_width)
+    firm_fraction = max(0.0, 1.0 - loose_cover(columns, i) / footing_width)
     kind = columns.soil[i] if firm_fraction > 0.0 else columns.loose_soil[i]
+    packed = packed_share(columns, i, 0.0, firm_fraction * footing_width)
     cohesion = firm_fraction * strength[kind].cohesion[columns.moisture[i]]
+    cohesion *= 1.0 + packed * (strength[kind].packed_strength - 1.0)
     gamma = strength[kind].gamma
     capacity = cohesion * strength[kind].n_c + gamma * surcharge_depth * strength[kind].n_q
     return capacity + 0.5 * footing_width * gamma * strength[kind].n_gamma

@@ -42,6 +42,7 @@ from typing import NamedTuple
 from msg_bridge.kernels import helper
 from soil_sim.tool_force.failure_wedge import wedge_force
 from soil_sim.tool_force.rock_pick import goktan_force
+from soil_sim.tool_force.strength_table import loose_cover, packed_share
 from soil_sim.tool_force.surface_ahead import depth_at, surface_ahead
 from soil_sim.tool_force.wrench import add_force
 from soil_sim.vec3 import add, cross, divide, dot, key_point, norm, scale, subtract
@@ -245,7 +246,7 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
         strength: `strength_table` of its kinds of soil.
     """
     # The loose soil is on top: that above the tool is a surcharge, and no part of the cut.
-    firm_depth = max(below + above - columns.bulk[i] * columns.metres_per_mm3, 0.0)
+    firm_depth = max(below + above - loose_cover(columns, i), 0.0)
     firm_fraction = min(firm_depth / below, 1.0)
     kind = columns.soil[i] if firm_fraction > 0.0 else columns.loose_soil[i]
     gamma = surcharge = 0.0
@@ -264,8 +265,13 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
         depth *= 1.0 - firm_fraction
         cohesion = adhesion = surcharge = 0.0
     else:
-        gamma = firm_fraction * strength[kind].gamma + (1.0 - firm_fraction) * gamma
+        firm_in_cut = min(firm_depth, below)
+        packed = packed_share(columns, i, firm_depth - firm_in_cut, firm_in_cut)
+        shrinkage = columns.shrinkage[kind]
+        firm_gamma = strength[kind].gamma * (1.0 + packed * shrinkage / (1.0 - shrinkage))
+        gamma = firm_fraction * firm_gamma + (1.0 - firm_fraction) * gamma
         cohesion = firm_fraction * strength[kind].cohesion[columns.moisture[i]]
+        cohesion *= 1.0 + packed * (strength[kind].packed_strength - 1.0)
         adhesion = strength[kind].adhesion[columns.moisture[i]]
     horizontal, vertical = wedge_force(
         width, ends[0], ends[1], depth, rake - turn, slope, surcharge, gamma, strength[kind].phi,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from msg_bridge.contract.constants import GRAVITY, MOISTURE_LEVELS
 from msg_bridge.contract.grid import Grid
 from msg_bridge.kernels import helper
+from soil_sim.columns.operations import packed_depth
 from soil_sim.columns.state import ColumnArrays
 from soil_sim.soils.soil_types import SoilType
 
@@ -21,6 +22,8 @@ __all__ = [
     "ForceGround",
     "GridLayout",
     "column_index_at",
+    "loose_cover",
+    "packed_share",
     "strength_table",
 ]
 
@@ -60,6 +63,9 @@ class ForceColumns(NamedTuple):
     soil: NDArray[np.uint8]
     loose_soil: NDArray[np.uint8]
     moisture: NDArray[np.uint8]
+    packing: NDArray[np.int64]
+    rut_volume: NDArray[np.int64]
+    shrinkage: NDArray[np.float64]
     metres_per_mm3: float
     floor: float
 
@@ -88,6 +94,7 @@ STRENGTH_DTYPE = np.dtype(
         ("gamma", np.float64),  # unit weight of firm soil [N/m³]
         ("phi", np.float64),  # angle of internal friction [rad]
         ("delta", np.float64),  # angle of soil-tool friction [rad]
+        ("packed_strength", np.float64),  # cohesion of packed over that of bank soil [-]
         ("tensile_strength", np.float64),  # of rock [Pa], 0 for soil
         ("n_c", np.float64),  # bearing capacity factors [-]
         ("n_q", np.float64),
@@ -115,12 +122,39 @@ def strength_table(kinds: Sequence[SoilType]) -> NDArray[np.void]:
     table["gamma"] = [kind.density * GRAVITY for kind in kinds]
     table["phi"] = phi
     table["delta"] = [math.radians(kind.tool_friction) for kind in kinds]
+    table["packed_strength"] = [kind.packed_strength for kind in kinds]
     table["tensile_strength"] = [kind.tensile_strength for kind in kinds]
     table["n_c"], table["n_q"] = (n_q - 1.0) / tan, n_q
     table["n_gamma"] = 2.0 * (n_q + 1.0) * tan
     table["cohesion"] = np.array([[kind.cohesion] for kind in kinds]) * moisture_factor
     table["adhesion"] = np.array([[kind.adhesion] for kind in kinds]) * moisture_factor
     return table
+
+
+@helper
+def loose_cover(columns, i):  # type: ignore[no-untyped-def]
+    """Return the depth of the soil of column i that resists as loose soil [m].
+
+    Loose soil that was pressed to its bank density resists as firm soil.
+    """
+    if columns.bulk[i] == columns.loose[i] and columns.rut_volume[i] > 0:
+        return 0.0
+    return columns.bulk[i] * columns.metres_per_mm3
+
+
+@helper
+def packed_share(columns, i, top, depth):  # type: ignore[no-untyped-def]
+    """Return the share of a layer of firm soil of column i that is packed.
+
+    Args:
+        columns: `ForceColumns` of the terrain.
+        i: flat index of the column.
+        top: depth of the layer below the surface of the firm soil [m].
+        depth: its thickness [m].
+    """
+    if columns.packing[i] == 0 or depth <= 0.0:
+        return 0.0
+    return min(max((packed_depth(columns, i) - top) / depth, 0.0), 1.0)
 
 
 @helper

@@ -1,4 +1,4 @@
-"""A plate compacts loose soil and removes none."""
+"""A plate compacts loose soil, packs firm soil under pressure, and removes none."""
 
 from __future__ import annotations
 
@@ -16,11 +16,13 @@ from support.soil_scenes import (
 
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import Rows, SweepAction
+from soil_sim.columns.operations import add_loose, remove_firm
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
 
 GRID = Grid(61, 61, 0.1)
 SHOE = ((0.4, 0.0), (-0.4, 0.0))  # (x, z) of the front and rear edge of a track shoe [m]
+WIDTH = 0.5
 SWELL = 0.4
 
 
@@ -33,11 +35,28 @@ def loose_ground(depth: float, **params: object) -> Soil:
     return soil
 
 
-def shoe(start: tuple[float, float, float], end: tuple[float, float, float]) -> Rows:
-    """Return the sweep of a track shoe from start to end (x, y, z) [m]."""
-    rows = tool_sweep(SHOE, start, end, width=0.5)
-    rows["action"] = SweepAction.COMPACT
+def shoe(
+    start: tuple[float, float, float], end: tuple[float, float, float], pressure: float = 0.0
+) -> Rows:
+    """Return the sweep of a track shoe from start to end (x, y, z) [m] under a pressure [Pa]."""
+    rows = tool_sweep(SHOE, start, end, width=WIDTH)
+    rows["action"], rows["pressure"] = SweepAction.COMPACT, pressure
     return rows
+
+
+def press(soil: Soil, pressure: float, depth: float = 0.5) -> float:
+    """Press a shoe down to a depth at most [m], and return the depth of its rut [m]."""
+    rows = shoe((0, 0, 0.1), (0, 0, -depth), pressure)
+    assert not soil.step(1, rows, NO_DEPOSIT_REQUESTS).rejected_tools
+    return -float(soil.columns.height[30, 30])
+
+
+def bekker_depth(soil: Soil, pressure: float) -> float:
+    """Return the sinkage of the shoe by Bekker's equation [m]."""
+    kind = soil.soil_types[0].loose_soil
+    modulus = kind.bekker_k_c / WIDTH + kind.bekker_k_phi
+    modulus *= kind.moisture_bearing_factor(int(soil.columns.moisture[30, 30]))
+    return float((pressure / modulus) ** (1.0 / kind.bekker_n))
 
 
 def test_plate_compacts_the_loose_soil_under_it_and_keeps_its_volume() -> None:
@@ -60,10 +79,72 @@ def test_bulk_volume_is_not_compacted_below_the_bank_volume() -> None:
     assert (soil.columns.bulk >= soil.columns.loose).all()
 
 
-def test_firm_soil_does_not_yield() -> None:
-    soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(swell=SWELL))
+def test_firm_soil_does_not_yield_without_pressure() -> None:
+    soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="loam"))
     step = soil.step(0, shoe((0, 0, 0.1), (0, 0, -0.3)), NO_DEPOSIT_REQUESTS)
     assert step.map_updates.size == 0
+
+
+def test_rigid_soil_does_not_yield() -> None:
+    assert press(Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="gravel")), 1e6) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("kind", "moisture", "pressure"),
+    [("loam", 0, 60e3), ("loam", 100, 40e3), ("dry sand", 0, 80e3), ("topsoil", 50, 50e3)],
+)
+def test_firm_soil_yields_to_a_pressure_as_far_as_bekker(
+    kind: str, moisture: int, pressure: float
+) -> None:
+    soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil=kind, moisture=moisture))
+    soil.relaxation.is_enabled = False
+    before = soil.total_mm3
+    depth = press(soil, pressure)
+    assert depth == pytest.approx(bekker_depth(soil, pressure), abs=1e-6)
+    assert press(soil, pressure) == depth, "no deeper the second time"
+    assert press(soil, 0.5 * pressure) == depth
+    deeper = press(soil, 1.5 * pressure)
+    assert deeper == pytest.approx(bekker_depth(soil, 1.5 * pressure), abs=1e-6)
+    assert soil.columns.rut_depth[30, 30] == pytest.approx(deeper, abs=1e-6)
+    assert soil.total_mm3 == before
+    assert soil.verify_volume()
+
+
+def test_firm_soil_is_not_pressed_below_the_plate_nor_packed_more_than_it_shrinks() -> None:
+    soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="loam", moisture=100))
+    assert press(soil, 1e7, depth=0.1) == pytest.approx(0.1, abs=1e-6)
+    shallow = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="loam", soil_depth=0.5))
+    shallow.relaxation.is_enabled = False
+    shrinkage = shallow.soil_types[0].shrinkage
+    assert press(shallow, 1e7) == pytest.approx(0.5 * shrinkage, abs=1e-6)
+
+
+def test_soil_that_is_cut_from_a_rut_is_denser() -> None:
+    soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="loam", moisture=100))
+    soil.relaxation.is_enabled = False
+    rut = press(soil, 40e3)
+    shrinkage = soil.soil_types[0].shrinkage
+    packed = rut * (1.0 - shrinkage) / shrinkage
+    cell = 1.0 / soil.columns.metres_per_mm3
+    before = int(soil.columns.firm[30, 30])
+    half = remove_firm(soil.columns.arrays, 30 * 61 + 30, 0.5 * packed * cell)
+    assert half == pytest.approx(0.5 * packed * cell / (1.0 - shrinkage), abs=2)
+    assert soil.columns.height[30, 30] == pytest.approx(-rut - 0.5 * packed, abs=1e-6)
+    rest = remove_firm(soil.columns.arrays, 30 * 61 + 30, (0.5 * packed + 0.1) * cell)
+    assert rest == pytest.approx((0.5 * packed / (1.0 - shrinkage) + 0.1) * cell, abs=3)
+    assert soil.columns.packing[30, 30] == 0
+    assert soil.columns.firm[30, 30] == before - half - rest
+    assert soil.columns.rut_depth[30, 30] == 0.0
+
+
+def test_soil_that_falls_into_a_rut_makes_it_less_deep() -> None:
+    soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="loam", moisture=100))
+    soil.relaxation.is_enabled = False
+    rut = press(soil, 40e3)
+    volume = round(0.02 / soil.columns.metres_per_mm3)
+    add_loose(soil.columns.arrays, 30 * 61 + 30, volume, volume, 0, 100)
+    assert soil.columns.rut_depth[30, 30] == pytest.approx(rut - 0.02, abs=1e-6)
+    assert press(soil, 40e3) == pytest.approx(rut, abs=1e-6), "it yields to the same depth again"
 
 
 def test_moving_plate_leaves_a_rut_of_its_width() -> None:

@@ -15,7 +15,8 @@ from support.soil_scenes import (
 from msg_bridge.contract.rows import Rows, SweepAction
 from soil_sim.errors import SoilError
 from soil_sim.soils.params import SoilParams
-from soil_sim.tool_sweeps import group_by_machine, validate_sweeps
+from soil_sim.sweep_validation import validate_sweeps
+from soil_sim.tool_sweeps import group_by_machine
 
 MODES = SoilParams.__dataclass_fields__["cut_mode"].metadata["choices"]
 COORDINATES = ("x0", "y0", "z0", "x1", "y1", "z1")

@@ -23,9 +23,10 @@ from machine_sim.machine.tracks.kinematic import KinematicTracks
 from machine_sim.machine.tracks.placement import standing_pose
 from machine_sim.machine.tracks.track_model import (
     TRACK_MODELS,
+    SoleContact,
     TrackModel,
     Tracks,
-    sole_heights,
+    sole_contact,
     with_track_model,
 )
 
@@ -33,9 +34,10 @@ __all__ = [
     "TRACK_MODELS",
     "DynamicTracks",
     "KinematicTracks",
+    "SoleContact",
     "TrackModel",
     "Tracks",
-    "sole_heights",
+    "sole_contact",
     "standing_pose",
     "with_track_model",
 ]

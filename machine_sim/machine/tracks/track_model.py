@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,16 @@ from numpy.typing import NDArray
 from machine_sim.machine.spec import MachineSpec
 from machine_sim.machine.tracks.running_gear import with_dynamic_tracks
 from machine_sim.machine.tracks.track_state import SHOE_X, SHOE_Z
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import kernel
 
-__all__ = ["TRACK_MODELS", "TrackModel", "Tracks", "sole_heights", "with_track_model"]
+__all__ = [
+    "TRACK_MODELS",
+    "SoleContact",
+    "TrackModel",
+    "Tracks",
+    "sole_contact",
+    "with_track_model",
+]
 
 Array = NDArray[np.float64]
 
@@ -105,31 +112,59 @@ class Tracks(Protocol):
         """
 
 
-def sole_heights(tracks: Tracks) -> tuple[float, float]:
-    """Return z of the loaded soles of left and right side, weighted by load [m], base frame."""
+class SoleContact(NamedTuple):
+    """Contact of the soles with the ground; one value for the left and one for the right track.
+
+    Attributes:
+        heights: z of the loaded soles, weighted by load [m], base frame.
+        front_pressures, rear_pressures: pressure on the ground at the front and the rear axle [Pa].
+    """
+
+    heights: tuple[float, float]
+    front_pressures: tuple[float, float]
+    rear_pressures: tuple[float, float]
+
+
+def sole_contact(tracks: Tracks) -> SoleContact:
+    """Return the contact of the soles at the end of the last step.
+
+    The pressure is linear along a track and has the load and the moment of the shoes; at an end
+    that would be lifted it is 0, and at the other end that of a triangle (Wong, Theory of Ground
+    Vehicles, section 2.3).
+    """
     spec = tracks.spec.tracks
-    half_axle_distance, half_thickness = 0.5 * spec.axle_distance, 0.5 * spec.shoe_thickness
-    heights: tuple[float, float] = _mean_sole_heights(
-        tracks.shoe_poses, tracks.shoe_loads, half_axle_distance, half_thickness
+    left, right = (
+        _contact_of_side(
+            tracks.shoe_poses[side],
+            tracks.shoe_loads[side],
+            0.5 * spec.axle_distance,
+            0.5 * spec.shoe_thickness,
+            spec.shoe_width,
+        )
+        for side in range(2)
     )
-    return heights
+    return SoleContact(*zip(left, right, strict=True))
 
 
 @kernel
-def _mean_sole_heights(poses, loads, half_axle_distance, half_thickness):  # type: ignore[no-untyped-def]
-    """Return `sole_heights`, over the shoes between the axles."""
-    return (
-        _mean_sole_height(poses[0], loads[0], half_axle_distance, half_thickness),
-        _mean_sole_height(poses[1], loads[1], half_axle_distance, half_thickness),
-    )
-
-
-@helper
-def _mean_sole_height(poses, loads, half_axle_distance, half_thickness):  # type: ignore[no-untyped-def]
-    """Return z of the loaded soles of one side [m]."""
-    total = height = 0.0
+def _contact_of_side(poses, loads, half_axle_distance, half_thickness, width):  # type: ignore[no-untyped-def]
+    """Return height of the soles [m], pressure at the front and at the rear [Pa] of one side."""
+    between = height = load = moment = 0.0
     for k in range(len(poses)):
-        if abs(poses[k, SHOE_X]) < half_axle_distance:
-            total += loads[k]
+        x = poses[k, SHOE_X]
+        if abs(x) < half_axle_distance:
+            between += loads[k]
             height += (poses[k, SHOE_Z] - half_thickness) * loads[k]
-    return height / max(total, 1.0)
+        load += loads[k]
+        moment += loads[k] * min(max(x, -half_axle_distance), half_axle_distance)
+    height /= max(between, 1.0)
+    if load <= 0.0:
+        return height, 0.0, 0.0
+    length, center = 2.0 * half_axle_distance, moment / load
+    mean, slope = load / (length * width), 6.0 * center / length
+    if abs(slope) <= 1.0:
+        return height, mean * (1.0 + slope), mean * (1.0 - slope)
+    # A triangle whose middle is below the load; an end alone carries at most a shoe's length of it.
+    contact_length = max(3.0 * (half_axle_distance - abs(center)), 0.1 * length)
+    end = 2.0 * load / (contact_length * width)
+    return (height, end, 0.0) if slope > 0.0 else (height, 0.0, end)

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from machine_sim.ground.contact_surface import MAX_RISE_SPEED, Ground, GroundError
+from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import Keyframe
@@ -62,9 +63,9 @@ def test_cell_that_is_updated_again_rises_no_faster() -> None:
     assert ground.surface[4, 4] == pytest.approx(0.3 + 0.1 * MAX_RISE_SPEED), "it rises again"
 
 
-def changed(z: float, soil: int, moisture: int) -> Rows:
+def changed(z: float, soil: int = 0, moisture: int = 0, rut_depth: float = 0.0) -> Rows:
     rows = empty_rows(MAP_UPDATE, 1)
-    rows["row"], rows["col"], rows["z"], rows["volume_mm3"] = 3, 4, z, 5e7
+    rows["row"], rows["col"], rows["z"], rows["rut_depth"] = 3, 4, z, rut_depth
     rows["soil"], rows["moisture"] = soil, moisture
     return rows
 
@@ -73,7 +74,7 @@ def test_ground_stores_soil_and_moisture_of_its_surface() -> None:
     ground = Ground(GRID, np.zeros(GRID.shape), soils=[LooseSoil(), LooseSoil(0.2)])
     ground.apply_changes(changed(-0.1, 1, 40))
     assert ground.surface[3, 4] == np.float32(-0.1)
-    assert (ground.soil[3, 4], ground.moisture[3, 4], ground.volume_mm3[3, 4]) == (1, 40, 5e7)
+    assert (ground.soil[3, 4], ground.moisture[3, 4]) == (1, 40)
     assert ground.soil.sum() == 1
     of_all = np.full(GRID.shape, 1, dtype=np.uint8)
     ground.apply_keyframe(
@@ -98,3 +99,51 @@ def test_heights_that_are_not_finite_are_rejected_and_change_nothing() -> None:
     assert np.array_equal(ground.elevation, before)
     with pytest.raises(GroundError, match="shape"):
         Ground(GRID, np.zeros((3, 3)))
+
+
+AT = (3, 4)
+
+
+def test_rut_lowers_the_contact_surface_but_not_the_undisturbed_one() -> None:
+    ground = Ground(GRID, np.zeros(GRID.shape))
+    ground.apply_changes(changed(-0.05, rut_depth=0.05))
+    assert ground.surface[AT] == pytest.approx(-0.05)
+    assert ground.undisturbed_surface[AT] == pytest.approx(0.0, abs=1e-6)
+    assert ground.max_sinkage[AT] == pytest.approx(0.05)
+    ground.max_sinkage[AT] = 0.08  # of a sole; the soil could not yield as far
+    ground.apply_changes(changed(-0.06, rut_depth=0.06))
+    assert ground.max_sinkage[AT] == pytest.approx(0.08), "no soil was added or removed"
+
+
+def test_soil_added_to_a_rut_does_not_lower_the_undisturbed_surface_for_a_moment() -> None:
+    """A track that stands in the rut stays where it is."""
+    ground = Ground(GRID, np.zeros(GRID.shape))
+    ground.apply_changes(changed(-0.05, rut_depth=0.05))
+    ground.apply_changes(changed(-0.03, rut_depth=0.03))
+    assert ground.undisturbed_surface[AT] == pytest.approx(0.0, abs=1e-6)
+    assert ground.surface[AT] == pytest.approx(-0.05)
+    assert ground.max_sinkage[AT] == pytest.approx(0.03)
+    ground.apply_changes(changed(0.02))
+    ground.advance(10.0)
+    assert ground.undisturbed_surface[AT] == ground.surface[AT] == pytest.approx(0.02)
+    assert ground.max_sinkage[AT] == 0.0
+
+
+def test_excavation_of_a_rut_leaves_undisturbed_ground() -> None:
+    ground = Ground(GRID, np.zeros(GRID.shape))
+    ground.apply_changes(changed(-0.05, rut_depth=0.05))
+    ground.apply_changes(changed(-0.35))
+    assert ground.undisturbed_surface[AT] == ground.surface[AT] == pytest.approx(-0.35)
+    assert ground.max_sinkage[AT] == 0.0
+
+
+def test_keyframe_sets_ruts_like_map_updates() -> None:
+    ground = Ground(GRID, np.zeros(GRID.shape))
+    elevation, rut_depth = np.zeros(GRID.shape), np.zeros(GRID.shape, dtype=np.float32)
+    elevation[AT], rut_depth[AT], elevation[5, 5] = -0.05, 0.05, -0.3
+    ground.apply_keyframe(Keyframe(1, 1, GRID, elevation, rut_depth=rut_depth))
+    assert ground.undisturbed_surface[AT] == pytest.approx(0.0, abs=1e-6)
+    assert ground.max_sinkage[AT] == pytest.approx(0.05)
+    assert ground.undisturbed_surface[5, 5] == pytest.approx(-0.3)
+    with pytest.raises(ExchangeError, match="below 0"):
+        ground.check_keyframe(Keyframe(1, 1, GRID, elevation, rut_depth=-rut_depth))

@@ -19,7 +19,8 @@ from soil_sim.excavation import SweptCut
 from soil_sim.excavation.keypoint_cut import collision_points
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
-from soil_sim.tool_sweeps import group_by_machine, validate_sweeps
+from soil_sim.sweep_validation import validate_sweeps
+from soil_sim.tool_sweeps import group_by_machine
 
 
 def test_drag_removes_the_swept_volume() -> None:

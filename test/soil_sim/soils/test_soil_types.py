@@ -18,7 +18,7 @@ from support.soil_scenes import (
 from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.grid import Grid
-from soil_sim.columns.operations import add_loose, compact_column, remove_loose
+from soil_sim.columns.operations import add_loose, compact_loose, remove_loose
 from soil_sim.columns.state import Columns, SurfaceMaterial
 from soil_sim.errors import SoilError
 from soil_sim.soil import Soil
@@ -159,9 +159,9 @@ def test_compaction_reduces_bulk_volume_only_down_to_bank_volume() -> None:
     arrays = columns.arrays
     add_loose(arrays, 5, 10_000_000, 14_000_000, 0, 0)
     before, high = columns.total_mm3, columns.height.flat[5]
-    assert compact_column(arrays, 5, 3e6) == 3_000_000
-    assert compact_column(arrays, 5, 9e9) == 1_000_000
-    assert compact_column(arrays, 5, 9e9) == 0
+    assert compact_loose(arrays, 5, 3e6) == 3_000_000
+    assert compact_loose(arrays, 5, 9e9) == 1_000_000
+    assert compact_loose(arrays, 5, 9e9) == 0
     assert columns.total_mm3 == before
     assert columns.bulk.flat[5] == columns.loose.flat[5]
     assert high - columns.height.flat[5] == pytest.approx(4e6 * columns.metres_per_mm3)

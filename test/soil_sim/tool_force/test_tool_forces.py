@@ -1,6 +1,7 @@
 """Forces of the soil on tools: earthmoving equation, side plate and bearing capacity."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,9 +9,10 @@ from support.soil_scenes import NO_DEPOSIT_REQUESTS, bucket_sweep, flat_soil, to
 
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import Rows, SoilReaction, SweepAction
+from soil_sim.columns.operations import pack_firm
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
-from soil_sim.soils.soil_types import load_soil_types
+from soil_sim.soils.soil_types import SoilType, load_soil_types
 from soil_sim.tool_force import compute_blade_force
 
 KINDS = load_soil_types()
@@ -35,9 +37,10 @@ def expected(
     depth: float = DEPTH,
     slope: float = 0.0,
     num_ends: float = 2.0,
+    kind: SoilType | None = None,
 ) -> np.ndarray:
     """Return the force on a blade that moves toward +x; rake and slope in degrees."""
-    kind = KINDS[name]
+    kind = kind or KINDS[name]
     factor = kind.moisture_strength_factor(kind.moisture)
     found = compute_blade_force(
         width=width,
@@ -244,6 +247,45 @@ def test_loose_clay_resists_less_than_firm_clay() -> None:
     columns.loose += depth
     columns.bulk += depth
     assert 0.5 * firm < force(soil, STROKE)[0] < 0.0
+
+
+def packed_soil(rut_depth: float) -> Soil:
+    """Return level loam that was pressed down everywhere by a depth [m]."""
+    soil = flat_soil(6.0, 0.2, soil="loam")
+    soil.relaxation.is_enabled = False
+    columns = soil.columns
+    for i in range(columns.height.size):
+        pack_firm(columns.arrays, i, rut_depth / columns.metres_per_mm3)
+    return soil
+
+
+def test_packed_soil_resists_as_soil_of_its_density_and_cohesion() -> None:
+    loam = KINDS["loam"]
+    packed = replace(
+        loam,
+        density=loam.density / (1.0 - loam.shrinkage),
+        cohesion=loam.cohesion * loam.packed_strength,
+        adhesion=loam.adhesion,
+    )
+    sweep = tool_sweep(plate(60.0), (0, 0, -0.1 - DEPTH), (TRAVEL, 0, -0.1 - DEPTH))
+    found = force(packed_soil(0.1), sweep)
+    assert found == pytest.approx(expected("loam", 60.0, kind=packed), rel=0.02, abs=20.0)
+    assert abs(found[0]) > 1.4 * abs(expected("loam", 60.0)[0])
+    # 2 cm of sinkage pack 18 cm, and soil below them is not stronger.
+    partly = force(packed_soil(0.02), tool_sweep(plate(60.0), (0, 0, -0.32), (TRAVEL, 0, -0.32)))
+    assert abs(expected("loam", 60.0)[0]) < abs(partly[0]) < abs(found[0])
+
+
+def test_bearing_capacity_grows_with_the_cohesion_of_packed_soil() -> None:
+    def capacity(rut_depth: float) -> float:
+        sweep = bucket_sweep((0, 0, 0.001 - rut_depth), (0, 0, -rut_depth))
+        return float(bearing_force(packed_soil(rut_depth), sweep)[2])
+
+    factors = [capacity(depth) / capacity(0.0) for depth in (0.02, 0.1, 0.2)]
+    assert 1.0 < factors[0] < factors[1]
+    strength = KINDS["loam"].packed_strength
+    assert 0.85 * strength < factors[1] < strength, "all but the terms of its weight"
+    assert factors[2] == pytest.approx(factors[1], rel=0.01), "the footing is on packed soil only"
 
 
 def test_rock_resists_with_more_than_a_meganewton() -> None:
