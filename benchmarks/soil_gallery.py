@@ -233,16 +233,16 @@ def draw_pit(path: Path) -> None:
 
 
 def draw_ruts(path: Path) -> None:
-    """Draw the ruts of tracks in loose soil."""
+    """Draw the ruts of tracks in wet soil."""
     soil = make_ruts()
     width = 7.8
     figure = new_figure(width + 0.6, 6.4)
     camera = Camera(math.radians(-62.0), math.radians(38.0))
     draw_terrain(figure, (0.3, 0.3), width, soil, camera, 6.0)
-    depth = 0.25 - float(soil.columns.height.min())
+    depth = -float(soil.columns.height.min())
     print(f"  ruts up to {depth:.3f} m deep, volume verified: {soil.verify_volume()}")
     about = (
-        "15 × 9 m, 0.1 m cells; 0.25 m of loose loam, compacted toward bank density; heights × 6"
+        f"15 × 9 m, 0.1 m cells; firm loam, saturated; up to {1e3 * depth:.0f} mm deep; heights × 6"
     )
     add_title(figure, "Ruts behind an excavator", about, 0.3)
     write_png(figure, path)

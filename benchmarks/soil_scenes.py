@@ -160,21 +160,15 @@ def _dump(
 
 
 def make_ruts() -> Soil:
-    """Return loose loam on which an excavator drove straight, in a left curve, and straight."""
-    grid, depth = Grid(151, 91, 0.1), 0.25
-    soil = Soil(grid, np.zeros(grid.shape), SoilParams(soil="loam"))
-    bulking_factor = 1.0 + soil.soil_types[0].swell
-    x, y = np.meshgrid(grid.x(np.arange(151)), grid.y(np.arange(91)), indexing="ij")
-    volume = round(depth / bulking_factor / soil.columns.metres_per_mm3)
-    volumes = np.full(grid.rows * grid.cols, volume)
-    layer = deposit_rows(0.0, 0.0, volumes, soil.soil_types[0].moisture)
-    layer["x"], layer["y"] = x.reshape(-1), y.reshape(-1)
-    soil.step(0, NO_SWEEPS, layer)
+    """Return wet loam on which an excavator drove straight, in a left curve, and straight."""
+    grid = Grid(151, 91, 0.1)
+    soil = Soil(grid, np.zeros(grid.shape), SoilParams(soil="loam", moisture=100))
     machine = MachineSim(
         [Placement(load_machine_spec(find_config("machines/excavator.yaml")), (-5.0, -1.5))],
         grid,
         soil.columns.height,
         soils=soil.loose_soils,
+        moisture=soil.columns.top_moisture,
     )
     world = World(soil, {1: machine})
     for left, right, ticks in ((1.0, 1.0, 350), (0.55, 1.0, 350), (1.0, 1.0, 200)):

@@ -6,7 +6,7 @@ the particle. The *contact* surface therefore rises toward the soil's surface at
 `MAX_RISE_SPEED`, which lifts the particle; it falls with the soil's surface at once.
 
 The pressure under a track depends on its sinkage below the *undisturbed* surface, which is higher
-by the depth of the rut that the soil reports. That surface rises and falls likewise.
+by the depth of the rut that the soil reports. That surface rises and falls in the same way.
 """
 
 from __future__ import annotations

@@ -37,9 +37,9 @@ def grid_map_type() -> Any:
 def to_grid_map(terrain: TerrainMap, frame_id: str, stamp: Time) -> Any:
     """Encode a terrain with the layers of the cloud; return None without grid_map_msgs.
 
-    The layers are `elevation`, `loose_depth`, `surface_material`, `moisture`, `soil` and
-    `design_difference`; see `msg_bridge.codec.terrain`. The arrays are in the order of
-    grid_map already: index (0, 0) at the +x, +y corner.
+    The layers are `elevation`, `loose_depth`, `surface_material`, `moisture`, `soil`,
+    `design_difference` and `rut_depth`; see `msg_bridge.codec.terrain`. The arrays are in the order
+    of grid_map already: index (0, 0) at the +x, +y corner.
     """
     kind = grid_map_type()
     if kind is None:
@@ -97,6 +97,7 @@ def _layers(terrain: TerrainMap) -> dict[str, NDArray[Any]]:
         "moisture": terrain.moisture,
         "soil": terrain.soil,
         "design_difference": terrain.design_difference,
+        "rut_depth": terrain.rut_depth,
     }
 
 

@@ -200,7 +200,8 @@ _TERRAIN = (
         topics.TERRAIN_MAP, _CLOUD, _SIM, (SOIL,), (MACHINE, OPERATOR, *_PAGES), "TRANSIENT_LOCAL",
         "`map_rate`, at most 2 Hz, if changed; large terrains less often, and for new subscribers",
         "keyframe, organised (rows x cols): `x y z` [m], `loose_depth` [m], `surface_material`,"
-        " `moisture` [%], `soil`, `design_difference` [m], `volume_mm3`, `revision`, `run_id`",
+        " `moisture` [%], `soil`, `design_difference` [m], `volume_mm3`, `rut_depth` [m],"
+        " `revision`, `run_id`",
     ),
     Endpoint(
         topics.TERRAIN_MAP_UPDATES, _CLOUD, _SIM, (SOIL,), (MACHINE, OPERATOR, *_PAGES), "ROWS",

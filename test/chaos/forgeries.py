@@ -22,6 +22,7 @@ from msg_bridge.contract.messages import (
     Stream,
     Verb,
 )
+from msg_bridge.contract.rows import MAX_PRESSURE, SweepAction
 
 __all__ = ["KINDS", "Kind"]
 
@@ -106,6 +107,13 @@ def _forged_rows(stream: Stream, change: Callable[[Forger, Any], None]) -> Forge
 
 def _long_sweep(forger: Forger, rows: Any) -> None:
     rows["x1"] += 30.0
+    rows["z0"] -= 5.0
+    rows["z1"] -= 5.0
+
+
+def _heavy_track(forger: Forger, rows: Any) -> None:
+    rows["action"] = SweepAction.COMPACT
+    rows["work"], rows["pressure"] = 0.0, MAX_PRESSURE
     rows["z0"] -= 5.0
     rows["z1"] -= 5.0
 
@@ -229,6 +237,7 @@ KINDS: dict[str, Kind] = {
     "sent again later": Kind(_sent_again_later),
     "big-endian": Kind(_big_endian),
     "long sweep": Kind(_forged_rows(Stream.SWEEP, _long_sweep)),
+    "heavy track": Kind(_forged_rows(Stream.SWEEP, _heavy_track)),
     "sweep that is not finite": Kind(_forged_rows(Stream.SWEEP, _not_finite)),
     "large deposit": Kind(_forged_rows(Stream.DEPOSIT_REQUEST, _much_volume)),
     "deposit far ahead": Kind(_forged_rows(Stream.DEPOSIT_REQUEST, _far_ahead)),

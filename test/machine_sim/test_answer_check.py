@@ -87,6 +87,8 @@ def test_valid_answer_is_accepted(sim: MachineSim, answer: Answer) -> None:
         (break_field("map_updates", 0, "volume_mm3", np.inf), ErrorCode.VALUE),
         (break_field("map_updates", 0, "soil", 9), ErrorCode.VALUE),
         (break_field("map_updates", 0, "moisture", 101), ErrorCode.VALUE),
+        (break_field("map_updates", 0, "rut_depth", -0.1), ErrorCode.VALUE),
+        (break_field("map_updates", 0, "rut_depth", np.nan), ErrorCode.VALUE),
         (break_field("forces", 0, "fx", np.nan), ErrorCode.VALUE),
         (break_field("forces", 0, "tz", -np.inf), ErrorCode.VALUE),
         (break_field("forces", 0, "fz", 1e30), ErrorCode.VALUE),

@@ -12,7 +12,7 @@ from support.soil_scenes import (
     tool_sweep,
 )
 
-from msg_bridge.contract.rows import Rows, SweepAction
+from msg_bridge.contract.rows import MAX_PRESSURE, Rows, SweepAction
 from soil_sim.errors import SoilError
 from soil_sim.soils.params import SoilParams
 from soil_sim.sweep_validation import validate_sweeps
@@ -44,6 +44,16 @@ def setting(field: str, value: float, row: int = 3) -> Callable[[Rows], Rows]:
     return change
 
 
+def pressing(pressure: float) -> Callable[[Rows], Rows]:
+    """Return a change to a pair that compacts under a pressure [Pa]."""
+
+    def change(rows: Rows) -> Rows:
+        rows["action"][2:4], rows["pressure"][3] = SweepAction.COMPACT, pressure
+        return rows
+
+    return change
+
+
 INVALID = {
     **{
         f"{name} {value}": setting(name, value)
@@ -64,6 +74,10 @@ INVALID = {
     "two rooms": setting("room_mm3", 5),
     "mills with one pair only": setting("action", SweepAction.MILL, row=slice(2, 4)),  # type: ignore[arg-type]
     "work of a tool that does not mill": setting("work", 1.0, row=slice(None)),  # type: ignore[arg-type]
+    "pressure of a pair that cuts": setting("pressure", 1.0),
+    **{
+        f"pressure {value}": pressing(value) for value in (np.nan, np.inf, -1.0, 1.1 * MAX_PRESSURE)
+    },
     "unknown action": setting("action", 9, row=slice(2, 4)),  # type: ignore[arg-type]
 }
 
@@ -97,6 +111,7 @@ def test_invalid_tool_is_rejected_and_does_not_affect_others(case: str, mode: st
         ("pair missing", "all its pairs"),
         ("two actions in a pair", "action"),
         ("two rooms", "room_mm3"),
+        ("pressure of a pair that cuts", "pressure"),
     ],
 )
 def test_message_of_a_rejected_tool_names_what_to_change(case: str, advice: str) -> None:
@@ -186,7 +201,7 @@ def test_pair_has_start_and_end_of_its_left_and_right_end() -> None:
         [[0.125, 1.0, 0.0], [0.125, 0.0, 0.0]],
     ]
     assert pairs.has_plate.tolist() == [True] * 6 + [False]
-    assert machine.press_pairs.has_plate.size == 0
+    assert machine.pressed.has_plate.size == 0
 
 
 def test_plates_span_successive_pairs_of_one_tool_with_the_same_action() -> None:
@@ -199,17 +214,24 @@ def test_plates_span_successive_pairs_of_one_tool_with_the_same_action() -> None
     assert first.pairs.has_plate.tolist() == [True, False, False]
     assert second.pairs.has_plate.tolist() == [True, False]
     assert (first.tool, first.work, second.tool, second.work) == (0, None, 1, 0.0)
-    assert machine.press_pairs.has_plate.tolist() == [True, False, False]
+    assert machine.pressed.has_plate.tolist() == [True, False, False]
 
 
 def test_sweeps_are_grouped_by_machine_in_order() -> None:
     press = [SweepAction.COMPACT] * 2
     rows = np.concatenate([tool(7, 0, press, x=1.0), tool(2, 0, press), tool(2, 1, press, x=2.0)])
+    rows["pressure"] = 1e3 * np.arange(12)
     machines = group_by_machine(validate_sweeps(rows)[0])
     assert [machine.machine_id for machine in machines] == [2, 7]
     assert [machine.rows.size for machine in machines] == [8, 4]
-    assert machines[0].press_pairs.points[:, 0, 0, 0].round(3).tolist() == [0.0, -0.1, 2.0, 1.9]
-    assert machines[1].press_pairs.points[:, 0, 0, 0].round(3).tolist() == [1.0, 0.9]
+    assert machines[0].pressed.points[:, 0, 0, 0].round(3).tolist() == [0.0, -0.1, 2.0, 1.9]
+    assert machines[0].pressed.pressure.tolist() == [
+        [4e3, 5e3],
+        [6e3, 7e3],
+        [8e3, 9e3],
+        [1e4, 11e3],
+    ]
+    assert machines[1].pressed.points[:, 0, 0, 0].round(3).tolist() == [1.0, 0.9]
 
 
 def test_no_sweeps_are_no_machines() -> None:

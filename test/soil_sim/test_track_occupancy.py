@@ -47,7 +47,7 @@ def test_sand_slides_into_a_rut_only_when_the_track_has_left() -> None:
     assert soil.verify_volume()
 
 
-def test_marks_of_tools_are_kept_and_machines_are_told_apart() -> None:
+def test_marks_are_those_of_each_machine_and_marks_of_tools_are_kept() -> None:
     occupied = np.zeros((2, 3), dtype=np.uint8)
     tracks = TrackOccupancy(occupied)
     occupied[0, 0] = TOOL_INSIDE

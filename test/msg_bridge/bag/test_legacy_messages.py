@@ -19,6 +19,7 @@ from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
 from msg_bridge.codec.row_chunks import chunk_dtype
 from msg_bridge.codec.run_config import RunFacts, parse_run_facts, to_config_yaml
 from msg_bridge.codec.state_hash import StateHash, from_state_hash_string
+from msg_bridge.codec.terrain import TERRAIN_CELL
 from msg_bridge.codec.tick_headers import from_multi_array, to_multi_array
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.loose_soil import LooseSoil
@@ -222,15 +223,28 @@ def test_messages_of_the_current_format_are_not_changed(topic: str, message: Any
     assert upgrade_message(topic, message) == before
 
 
-def test_rows_without_an_added_field_get_its_value() -> None:
-    dtype = chunk_dtype(Stream.SWEEP)
-    added = ("room_mm3", "work")
+@pytest.mark.parametrize(
+    ("topic", "dtype", "added"),
+    [
+        (
+            "/plant/soil/tool_sweeps",
+            chunk_dtype(Stream.SWEEP),
+            {"room_mm3": UNLIMITED_ROOM, "work": 0.0, "pressure": 0.0},
+        ),
+        ("/plant/terrain/map_updates", chunk_dtype(Stream.MAP_UPDATE), {"rut_depth": 0.0}),
+        ("/plant/terrain/map", TERRAIN_CELL, {"rut_depth": 0.0}),
+    ],
+)
+def test_rows_without_an_added_field_get_its_value(
+    topic: str, dtype: np.dtype[np.void], added: dict[str, float]
+) -> None:
     old = np.dtype([(name, dtype[name]) for name in dtype.names or () if name not in added])
     points = np.zeros(3, old)
-    points["x1"], points["tool"], points["action"], points["run_id"] = [1.0, 2.0, 3.0], 4, 2, 7
+    for n, name in enumerate(old.names or ()):
+        points[name] = [n + 1, 2 * n, 7]
     cloud = to_point_cloud(points, "map", Time())
-    rows = from_point_cloud(upgrade_message("/plant/soil/tool_sweeps", cloud), dtype)
+    rows = from_point_cloud(upgrade_message(topic, cloud), dtype)
     for name in old.names or ():
         assert rows[name].tolist() == points[name].tolist(), name
-    assert (rows["room_mm3"] == UNLIMITED_ROOM).all()
-    assert (rows["work"] == 0.0).all()
+    for name, value in added.items():
+        assert (rows[name] == value).all()

@@ -22,7 +22,16 @@ GRID = Grid(3, 4, 0.5)
 HEIGHTS = np.arange(12.0).reshape(GRID.shape)
 NUMBERS = np.arange(12, dtype=np.uint8).reshape(GRID.shape)
 TERRAIN = TerrainMap(
-    Keyframe(1, 2, GRID, HEIGHTS, np.ones(GRID.shape, np.int64), NUMBERS, 9 * NUMBERS),
+    Keyframe(
+        1,
+        2,
+        GRID,
+        HEIGHTS,
+        np.ones(GRID.shape, np.int64),
+        NUMBERS,
+        9 * NUMBERS,
+        (0.01 * NUMBERS).astype(np.float32),
+    ),
     0.1 * HEIGHTS,
     NUMBERS % 3,
 )
@@ -33,6 +42,7 @@ LAYERS = {
     "moisture": 9 * NUMBERS,
     "soil": NUMBERS,
     "design_difference": np.full(GRID.shape, np.nan),
+    "rut_depth": (0.01 * NUMBERS).astype(np.float32),
 }
 
 

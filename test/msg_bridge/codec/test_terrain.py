@@ -40,6 +40,7 @@ def terrain(rows: int = 3, cols: int = 5, cell: float = 0.2) -> TerrainMap:
             volume_mm3=2**53 - 1 - number.astype(np.int64),
             soil=(255 - number % 256).astype(np.uint8),
             moisture=(number % 101).astype(np.uint8),
+            rut_depth=(0.25 * number).astype(np.float32),
         ),
         0.5 * number,
         (number % 3).astype(np.uint8),
@@ -60,6 +61,7 @@ def same(a: TerrainMap, b: TerrainMap) -> bool:
         and np.array_equal(a.volume_mm3, b.volume_mm3)
         and np.array_equal(a.surface_material, b.surface_material)
         and np.array_equal(a.moisture, b.moisture)
+        and np.array_equal(a.rut_depth, b.rut_depth)
         and np.array_equal(a.soil, b.soil)
         and np.array_equal(a.design_difference, b.design_difference, equal_nan=True)
     )
@@ -97,7 +99,8 @@ def test_every_moisture_is_transmitted() -> None:
 def test_default_layers_are_zeros_without_a_design() -> None:
     site = terrain()
     back = transmitted(bare(site))
-    for layer in (back.surface_material, back.volume_mm3, back.moisture, back.soil):
+    layers = (back.surface_material, back.volume_mm3, back.moisture, back.soil, back.rut_depth)
+    for layer in layers:
         assert not layer.any()
         assert layer.shape == (3, 5)
     assert np.isnan(back.design_difference).all()
@@ -117,7 +120,7 @@ def test_arrays_in_column_major_order_are_transmitted() -> None:
         Keyframe(
             *(4, 77, frame.grid),
             *(np.asfortranarray(layer) for layer in (frame.elevation, frame.volume_mm3)),
-            *(np.asfortranarray(layer) for layer in (frame.soil, frame.moisture)),
+            *(np.asfortranarray(layer) for layer in (frame.soil, frame.moisture, frame.rut_depth)),
         ),
         *(np.asfortranarray(layer) for layer in layers_of(site)),
     )
@@ -282,6 +285,8 @@ def one_row(cells: Rows) -> Rows:
         (setting("z", np.inf, (0, 0)), ErrorCode.VALUE),
         (setting("loose_depth", np.nan, (2, 4)), ErrorCode.VALUE),
         (setting("loose_depth", -0.1, (1, 1)), ErrorCode.VALUE),
+        (setting("rut_depth", np.nan, (1, 1)), ErrorCode.VALUE),
+        (setting("rut_depth", -0.1, (1, 1)), ErrorCode.VALUE),
         (setting("volume_mm3", 0.5, (1, 1)), ErrorCode.VALUE),
         (setting("volume_mm3", -1.0, (1, 1)), ErrorCode.VALUE),
         (setting("volume_mm3", np.nan, (1, 1)), ErrorCode.VALUE),

@@ -9,9 +9,9 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2
 
-from msg_bridge.codec.point_cloud import from_point_cloud
+from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
 from msg_bridge.codec.stamps import stamp_from_seconds
-from msg_bridge.codec.terrain import TerrainMap, to_terrain_cloud
+from msg_bridge.codec.terrain import TERRAIN_CELL, TerrainMap, to_terrain_cloud
 from msg_bridge.codec.terrain_delta import (
     TERRAIN_DELTA,
     apply_delta,
@@ -94,3 +94,28 @@ def test_delta_is_applied_to_its_own_keyframe_only() -> None:
     assert rows_beyond is not None
     assert apply_delta(to_cdr(terrain(shape=(2, 2))), rows_beyond) is None
     assert apply_delta(to_cdr(terrain()), delta[:-20]) is None
+
+
+def without_ruts(data: bytes) -> bytes:
+    """Return a map, or a delta, of the rows of older bags, which had no `rut_depth`."""
+    message = deserialize_message(data, PointCloud2)
+    dtype = TERRAIN_DELTA if len(message.fields) == len(TERRAIN_DELTA.names or ()) else TERRAIN_CELL
+    rows = from_point_cloud(message, dtype)
+    names = [name for name in dtype.names or () if name != "rut_depth"]
+    older = np.empty(rows.size, np.dtype([(name, dtype[name]) for name in names]))
+    for name in names:
+        older[name] = rows[name]
+    header = message.header
+    cloud = to_point_cloud(older, header.frame_id, header.stamp, height=message.height)
+    return bytes(serialize_message(cloud))
+
+
+def test_delta_of_older_maps_is_applied_to_older_maps_only() -> None:
+    keyframe, new = to_cdr(terrain()), to_cdr(changed(30, revision=4), time=2.5)
+    delta = encode_delta(keyframe, new)
+    assert delta is not None
+    older = without_ruts(delta)
+    restored = apply_delta(without_ruts(keyframe), older)
+    assert decoded(restored) == decoded(without_ruts(new))
+    assert (base_of_delta(older), keyframe_identity(without_ruts(new))) == ((5, 1), (5, 4))
+    assert apply_delta(keyframe, older) is None
