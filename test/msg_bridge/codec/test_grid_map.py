@@ -23,14 +23,8 @@ HEIGHTS = np.arange(12.0).reshape(GRID.shape)
 NUMBERS = np.arange(12, dtype=np.uint8).reshape(GRID.shape)
 TERRAIN = TerrainMap(
     Keyframe(
-        1,
-        2,
-        GRID,
-        HEIGHTS,
-        np.ones(GRID.shape, np.int64),
-        NUMBERS,
-        9 * NUMBERS,
-        (0.01 * NUMBERS).astype(np.float32),
+        *(1, 2, GRID, HEIGHTS, np.ones(GRID.shape, np.int64)),
+        *(NUMBERS, 9 * NUMBERS, (0.01 * NUMBERS).astype(np.float32)),
     ),
     0.1 * HEIGHTS,
     NUMBERS % 3,
