@@ -149,4 +149,4 @@ def test_soil_stronger_than_the_track_friction_pulls_the_machine(dig) -> None:
     d.bury()
     stood = d.base
     d.move([0.0, 0.0, 0.5, 0.0], 1.75)
-    assert (d.base - stood)[0] > 0.5
+    assert (d.base - stood)[0] > 0.3

@@ -89,8 +89,9 @@ def test_cloud_describes_its_points() -> None:
         ("seq", 36, PointField.UINT32, 1),
         ("soil", 40, PointField.UINT8, 1),
         ("moisture", 41, PointField.UINT8, 1),
+        ("rut_depth", 42, PointField.FLOAT32, 1),
     ]
-    assert (msg.height, msg.width, msg.point_step, msg.row_step) == (1, 3, 42, 126)
+    assert (msg.height, msg.width, msg.point_step, msg.row_step) == (1, 3, 46, 138)
     assert (msg.header.frame_id, msg.header.stamp) == ("map", STAMP)
 
 
@@ -105,7 +106,7 @@ def test_small_fields_keep_their_types() -> None:
 def test_organised_cloud_has_rows_and_columns() -> None:
     rows = random_rows(MAP_UPDATE, 6)
     msg = to_point_cloud(rows, "map", STAMP, height=2)
-    assert (msg.height, msg.width, msg.row_step) == (2, 3, 126)
+    assert (msg.height, msg.width, msg.row_step) == (2, 3, 138)
     assert from_point_cloud(msg, MAP_UPDATE).tobytes() == rows.tobytes()
 
 

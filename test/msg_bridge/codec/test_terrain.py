@@ -193,14 +193,14 @@ def test_cloud_has_a_point_at_the_centre_of_each_column() -> None:
 def test_fields_shared_with_map_updates() -> None:
     shared = [name for name in TERRAIN_CELL.names or () if name in (MAP_UPDATE.names or ())]
     as_colour = ["moisture", "soil"]  # whole numbers in rows
-    assert shared == ["x", "y", "z", "loose_depth", *as_colour, "volume_mm3", "revision"]
+    assert shared == ["x", "y", "z", "loose_depth", *as_colour, "volume_mm3", "rut_depth", "revision"]
     same_type = [name for name in shared if TERRAIN_CELL[name] == MAP_UPDATE[name]]
     assert [name for name in shared if name not in same_type] == as_colour
 
 
-def test_point_has_48_bytes_and_display_layers_are_float32() -> None:
+def test_point_has_52_bytes_and_display_layers_are_float32() -> None:
     msg = to_terrain_cloud(terrain(), "map", STAMP)
-    assert msg.point_step == 48
+    assert msg.point_step == 52
     kinds = {field.name: field.datatype for field in msg.fields}
     layers = ("loose_depth", "surface_material", "moisture", "soil", "design_difference")
     assert {kinds[name] for name in layers} == {PointField.FLOAT32}
