@@ -52,10 +52,11 @@ def _dig(
     )
     couplings = sim.simulated_machines[0].couplings.values()
     digging = [each for each in couplings if each.is_digging]
-    for _ in range(_NUM_TICKS):
+    for tick in range(_NUM_TICKS):
         sim.step()
         conversions = empty_rows(CONVERSION, min(len(digging), 1))
         map_updates = empty_rows(MAP_UPDATE, 1)
+        map_updates["z"] = 1e-3 * (tick + 1)  # the contact surface rises after it
         forces = empty_rows(FORCE, 1)
         if digging:
             lip = digging[0].key_points_at(ticks_ago=0)[0]

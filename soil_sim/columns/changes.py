@@ -5,7 +5,7 @@ differs from the end of the previous tick. A column that gave away exactly what 
 
 The surface becomes loose where loose soil was deposited, except on a slope that was at its angle of
 repose, over which soil only passes (reference, section 3.1.2, step 4). It becomes excavated where
-firm soil was removed and almost no loose soil covers it.
+firm soil was removed and almost no loose soil covers it, or undisturbed soil was pressed down.
 """
 
 from __future__ import annotations
@@ -26,10 +26,17 @@ _MAX_COVER_ON_EXCAVATED = 0.005
 _MIN_LOOSE_COVER = 0.0005
 """Depth of loose soil below which the surface does not count as loose [m]."""
 
+_MIN_RUT_DEPTH = 0.003
+"""Depth of a rut from which undisturbed soil counts as exposed [m]."""
+
 _STEEP_FRACTION = 0.99
 """Fraction of the limiting slope from which a column counts as being at its angle of repose."""
 
-_EXCAVATED, _LOOSE = int(SurfaceMaterial.EXCAVATED), int(SurfaceMaterial.LOOSE)
+_UNDISTURBED, _EXCAVATED, _LOOSE = (
+    int(SurfaceMaterial.UNDISTURBED),
+    int(SurfaceMaterial.EXCAVATED),
+    int(SurfaceMaterial.LOOSE),
+)
 
 _FIRM, _LOOSE_VOLUME, _BULK, _SURFACE = range(4)
 """Fields of a row of the previous state: volumes [mm^3], `_surface_key` of the surface.
@@ -110,6 +117,9 @@ def _find_changes(  # type: ignore[no-untyped-def]
         if firm[i] < previous[i, _FIRM] and cover < _MAX_COVER_ON_EXCAVATED:
             material[i] = _EXCAVATED  # also where a thin layer of loose soil was deposited
             continue
+        rut_depth = columns.rut_volume[i] * columns.metres_per_mm3
+        if material[i] == _UNDISTURBED and rut_depth > _MIN_RUT_DEPTH:
+            material[i] = _EXCAVATED
         is_deposited = loose[i] > previous[i, _LOOSE_VOLUME] and cover > _MIN_LOOSE_COVER
         if is_deposited and not _was_at_repose_angle(columns, repose_tan, frame, previous, i):
             material[i] = _LOOSE

@@ -57,7 +57,7 @@ class SurfaceMaterial(IntEnum):
 
     UNDISTURBED = 0
     EXCAVATED = 1
-    """Firm soil that digging exposed."""
+    """Firm soil that digging exposed, or that tracks pressed down."""
     LOOSE = 2
     """Loose soil that was deposited here."""
 

@@ -115,10 +115,11 @@ def check_map(found, site: HeightMap, terrain_mm3: int) -> None:
         ["soil", 24, FLOAT32, 1],
         ["design_difference", 28, FLOAT32, 1],
         ["volume_mm3", 32, FLOAT64, 1],
-        ["revision", 40, UINT32, 1],
-        ["run_id", 44, UINT32, 1],
+        ["rut_depth", 40, FLOAT32, 1],
+        ["revision", 44, UINT32, 1],
+        ["run_id", 48, UINT32, 1],
     ]
-    assert found["bytes"] == [48, 48 * cols, 48 * cols * rows]  # of a point, a row, all
+    assert found["bytes"] == [52, 52 * cols, 52 * cols * rows]  # of a point, a row, all
     assert len(found["sample"]) > 40
     # Index (0, 0) is the +x, +y corner.
     expected = [

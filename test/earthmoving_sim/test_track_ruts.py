@@ -90,7 +90,7 @@ def test_depth_of_ruts_is_the_sinkage_of_the_tracks(tracks: TrackModel) -> None:
     sinkage = machine.machine.tracks.sinkage.copy()
     world.close()
     assert sinkage.min() > 0.02
-    assert depth == pytest.approx(sinkage, abs=0.008)
+    assert depth == pytest.approx(sinkage, abs=0.012)
     assert soil.verify_volume()
 
 

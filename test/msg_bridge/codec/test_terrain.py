@@ -193,7 +193,8 @@ def test_cloud_has_a_point_at_the_centre_of_each_column() -> None:
 def test_fields_shared_with_map_updates() -> None:
     shared = [name for name in TERRAIN_CELL.names or () if name in (MAP_UPDATE.names or ())]
     as_colour = ["moisture", "soil"]  # whole numbers in rows
-    assert shared == ["x", "y", "z", "loose_depth", *as_colour, "volume_mm3", "rut_depth", "revision"]
+    numbers = ["volume_mm3", "rut_depth", "revision"]
+    assert shared == ["x", "y", "z", "loose_depth", *as_colour, *numbers]
     same_type = [name for name in shared if TERRAIN_CELL[name] == MAP_UPDATE[name]]
     assert [name for name in shared if name not in same_type] == as_colour
 
