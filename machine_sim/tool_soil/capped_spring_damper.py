@@ -92,13 +92,16 @@ class CappedSpringDamper:
         """Return the distance [m] of the tool's contact point from where the wrench was set."""
         return norm(pose[0] @ self.local_point + pose[1] - self.contact_point)
 
-    def step(self, pose: Pose, velocity: tuple[Vec3, Vec3], dt: float) -> tuple[float, ...]:
+    def step(
+        self, pose: Pose, velocity: tuple[Vec3, Vec3], dt: float, limit: float = math.inf
+    ) -> tuple[float, ...]:
         """Return the wrench that acts in the next step: fx, fy, fz [N], tx, ty, tz [N m].
 
         Args:
             pose: of the tool frame.
             velocity: of its origin [m/s], and angular [rad/s], map axes.
             dt: physics step [s].
+            limit: largest force in this step [N], if below the maximum force.
 
         Returns:
             Force, and torque about the tool frame's origin, map axes.
@@ -113,7 +116,7 @@ class CappedSpringDamper:
         speed = -(vx * fx + vy * fy + vz * fz) / self.max_force
         self.displacement += speed * dt
         uncapped = self._stiffness * self.displacement + self._damping * speed
-        active_force = min(max(uncapped, 0.0), self.max_force)
+        active_force = min(max(uncapped, 0.0), self.max_force, limit)
         if active_force == 0.0:  # the tool moves away from the soil
             self.displacement = min(max(self.displacement, -self._slack), 0.0)
         elif active_force != uncapped:  # the soil yields: the spring starts from here

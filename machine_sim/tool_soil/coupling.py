@@ -16,6 +16,7 @@ from machine_sim.tool_soil.payload import Payload
 from machine_sim.tool_soil.pending_soil import PendingSoil
 from machine_sim.tool_soil.room import ReportedRoom
 from machine_sim.tool_soil.tools import ToolMotion, make_interaction
+from msg_bridge.contract.constants import GRAVITY
 from msg_bridge.contract.rows import MAX_MILLING_WORK, Rows
 from msg_bridge.kernels import kernel
 
@@ -166,15 +167,19 @@ class ToolSoilCoupling:
 
     def apply_soil_forces(self, dt: float) -> None:
         """Apply load and resistance to the machine in the next physics step of `dt` [s]."""
+        push = (0.0, 0.0, 0.0)
         if self._params.payload_coupling:
             load = self._particles.tool_load(self.tool_id)
             if any(load):
                 self.tool.add_wrench(load)
+                push = (load[0], load[1], load[2] + GRAVITY * self.payload.mass_kg)
         if not self._params.cutting_forces:
             return
         self._resistance_wrench = _ZERO_WRENCH
         if self.resistance.is_active:
-            self._resistance_wrench = self.resistance.step(self.tool.frame, self.tool.velocity, dt)
+            self._resistance_wrench = self.resistance.step(
+                self.tool.frame, self.tool.velocity, dt, push
+            )
             force, torque = self._resistance_wrench
             self.tool.add_wrench([*force, *torque])
 

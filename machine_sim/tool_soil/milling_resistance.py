@@ -210,13 +210,16 @@ class MillingResistance:
         self.static_resistance.reset()
         self.contact.reset()
 
-    def step(self, pose: Pose, velocity: tuple[Vec3, Vec3], dt: float) -> tuple[Vec3, Vec3]:
+    def step(
+        self, pose: Pose, velocity: tuple[Vec3, Vec3], dt: float, push: Vec3 = (0.0, 0.0, 0.0)
+    ) -> tuple[Vec3, Vec3]:
         """Return the wrench of the next physics step.
 
         Args:
             pose: of the drum's non-spinning frame.
             velocity: of its origin [m/s], and angular of the drum [rad/s], map axes.
             dt: physics step [s].
+            push: has no effect: a drum holds no soil.
 
         Returns:
             Force [N] and torque about the frame's origin [N m], map axes.

@@ -6,6 +6,10 @@ normal to the plates that touch the ground. Each wrench applies until the next F
 it; its contact point is fixed to the tool. Both act through a capped spring-damper
 (`machine_sim.tool_soil.capped_spring_damper`), so that they resist and never drive the tool.
 
+The resistance to cutting is what the soil ahead can exert at most: on the edge, and on the soil in
+the tool, which transmits it. What the soil in the tool exerts already, besides its weight, is
+therefore not exerted on the edge again.
+
 The soil computes a bearing reaction whether the tool moves or not, but none while the tool has
 bounced off the ground. It computes a resistance to cutting only while the tool cuts; a zero for a
 tool that stalls, or is pressed back a little, is no statement about the soil ahead of it. A zero
@@ -39,6 +43,9 @@ FORCE_TIMEOUT_TICKS = 5
 _RELEASE_DISTANCE = 0.05
 """Distance [m] at which a tool has left the soil: the elastic rebound of soil under the weight of
 a machine."""
+
+_PUSH_TIME = 0.1
+"""Time constant of the mean of the force of the soil in the tool [s]."""
 
 _UPDATE_DISTANCE = 0.01
 """Distance [m] within which the largest resistance to cutting counts: at a stall the direction of
@@ -80,6 +87,7 @@ class SoilResistance:
         self.cut = _spring_damper(_TOOL_EFFECTIVE_MASS_FRACTION * tool_mass, dt, 0.0)
         self.bearing = machine_contact(machine_mass, dt, _RELEASE_DISTANCE)
         self._ticks_since_update = 0
+        self._mean_push = [0.0, 0.0, 0.0]
 
     @property
     def is_active(self) -> bool:
@@ -95,7 +103,8 @@ class SoilResistance:
     def state(self) -> Array:
         """All values that the next steps depend on, for the state hash."""
         return np.array(
-            [*self.cut.state, *self.bearing.state, self._ticks_since_update], dtype=np.float64
+            [*self.cut.state, *self.bearing.state, *self._mean_push, self._ticks_since_update],
+            dtype=np.float64,
         )
 
     def receive(self, rows: Rows, pose: Pose) -> None:
@@ -146,20 +155,37 @@ class SoilResistance:
         self.cut.reset()
         self.bearing.reset()
 
-    def step(self, pose: Pose, velocity: tuple[Vec3, Vec3], dt: float) -> tuple[Vec3, Vec3]:
+    def step(
+        self, pose: Pose, velocity: tuple[Vec3, Vec3], dt: float, push: Vec3 = (0.0, 0.0, 0.0)
+    ) -> tuple[Vec3, Vec3]:
         """Return the wrench of the next physics step.
 
         Args:
             pose: of the tool frame.
             velocity: of its origin [m/s], and angular [rad/s], map axes.
             dt: physics step [s].
+            push: force of the soil in the tool on it, without the weight of that soil [N], map
+                axes.
 
         Returns:
             Force [N] on the tool and torque about its frame's origin [N m], map axes.
         """
-        cut, bearing = self.cut.step(pose, velocity, dt), self.bearing.step(pose, velocity, dt)
+        cut = self.cut.step(pose, velocity, dt, self._remaining_resistance(push, dt))
+        bearing = self.bearing.step(pose, velocity, dt)
         fx, fy, fz, tx, ty, tz = (a + b for a, b in zip(cut, bearing, strict=True))
         return (fx, fy, fz), (tx, ty, tz)
+
+    def _remaining_resistance(self, push: Vec3, dt: float) -> float:
+        """Return the resistance to cutting that the soil in the tool does not transmit [N]."""
+        fraction = min(dt / _PUSH_TIME, 1.0)
+        for axis in range(3):
+            self._mean_push[axis] += fraction * (push[axis] - self._mean_push[axis])
+        if self.cut.max_force == 0.0:
+            return 0.0
+        fx, fy, fz = self.cut.force.tolist()
+        x, y, z = self._mean_push
+        against = (x * fx + y * fy + z * fz) / self.cut.max_force
+        return max(self.cut.max_force - max(against, 0.0), 0.0)
 
 
 def _reset_if_released(contact: CappedSpringDamper, pose: Pose) -> None:

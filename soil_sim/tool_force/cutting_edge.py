@@ -15,13 +15,13 @@ ahead of it, so uneven ground, mixed soils and an edge partly in the air need no
 - **Surface.** A straight line through the surface ahead, along the wedge that fails, extended to
   the edge (`surface_ahead`): the same for any cell size and direction. Depth and slope are those of
   this line, and the force is that of a wedge below a sloping surface (`failure_wedge`).
-- **Inclined travel.** Travel along the slope turns the blade with it: gravity keeps its direction.
-  So the rake to the horizontal is that to the travel less the climb angle of the travel, as far as
-  the slope has this angle. The rest of the climb, out of the surface, or of the dive into it, does
-  not turn the wedge. If the edge dives, the depth counts in full, except where n points down: there
-  it is multiplied by 1 + n_z, which is zero for n straight down. If it climbs out, the depth is
-  measured perpendicular to the travel: for a level edge it is multiplied by the cosine of that
-  angle, which is zero for vertical motion.
+- **Inclined travel.** Travel along the slope, or into the surface, turns the blade with it: gravity
+  and the surface keep their directions. So the rake to the horizontal is that to the travel less
+  the climb angle of the travel. The rest of a climb, out of the surface, does not turn the wedge.
+  If the edge dives, the depth counts in full, except where n points down: there it is multiplied by
+  1 + n_z, which is zero for n straight down. If it climbs out, the depth is measured perpendicular
+  to the travel: for a level edge it is multiplied by the cosine of that angle, which is zero for
+  vertical motion.
 - **Ends.** At both ends of the edge soil fails in crescents, as far as there is soil beside them.
 - **Surcharge** is the weight of the soil above the top of the tool, up to the height of the tool.
   Soil *in* the tool is not a surcharge, because its particles press on the tool themselves.
@@ -184,19 +184,23 @@ def add_edge_force(points, origin, columns, grid_layout, strength, sums):  # typ
 
 @helper(inline="always")
 def _turn_and_depth_factor(travel, slope):  # type: ignore[no-untyped-def]
-    """Return by what angle a slope turns the blade with its travel, and the depth that resists.
+    """Return the angle by which the travel turns the blade, and the depth that resists.
+
+    The failure wedge depends on the angle of the blade to the surface, not to the travel: along a
+    slope, and where the edge dives, this is the rake less the angle of the travel. Where the edge
+    climbs out, less soil resists instead.
 
     Args:
         travel: `_Travel` of the tool.
         slope: slope of the surface ahead [rad].
 
     Returns:
-        (angle by which the travel climbs along the slope [rad], fraction of the depth).
+        (angle [rad], fraction of the depth).
     """
     turn = min(max(travel.climb, min(slope, 0.0)), max(slope, 0.0))
     rest = travel.climb - turn
     if rest < 0.0:
-        return turn, travel.dive_factor
+        return travel.climb, travel.dive_factor
     cos = math.cos(travel.climb)
     if cos < 1e-6:
         return turn, 0.0
@@ -240,7 +244,7 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
         ends: number of ends of the blade in the strip beside which soil fails, and that of the
             whole blade over its width [1/m].
         rake: rake of the strip to the travel [rad].
-        turn: angle by which the travel climbs along the slope [rad].
+        turn: angle by which the travel turns the blade [rad]; see `_turn_and_depth_factor`.
         slope: slope of the surface ahead [rad].
         columns: `ForceColumns` of the terrain.
         strength: `strength_table` of its kinds of soil.

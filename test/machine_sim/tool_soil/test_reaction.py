@@ -144,7 +144,7 @@ def test_strong_soil_stalls_the_arm_at_its_relief_pressure(dig) -> None:
 
 def test_soil_stronger_than_the_track_friction_pulls_the_machine(dig) -> None:
     slippery = excavator()
-    slippery = replace(slippery, tracks=replace(slippery.tracks, friction=0.5))
+    slippery = replace(slippery, tracks=replace(slippery.tracks, friction=0.3))
     d = dig("dry clay", spec=slippery)
     d.bury()
     stood = d.base

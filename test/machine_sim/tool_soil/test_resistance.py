@@ -55,6 +55,20 @@ def test_cutting_tool_has_the_whole_force() -> None:
     assert resistance.cut.active_fraction == 1.0
 
 
+def test_soil_in_the_tool_transmits_a_part_of_the_resistance() -> None:
+    def force_with(push: float) -> float:
+        resistance = SoilResistance(800.0, 20e3, DT)
+        resistance.receive(forces(-20e3), REST)
+        forward = np.array([0.5, 0.0, 0.0]), np.zeros(3)
+        for _ in range(200):
+            force, _ = resistance.step(REST, forward, DT, (push, 3e3, -5e3))
+        return float(force[0])
+
+    assert force_with(-8e3) == pytest.approx(-12e3, rel=1e-3)
+    assert force_with(-30e3) == 0.0
+    assert force_with(8e3) == pytest.approx(-20e3), "soil that pushes forward"
+
+
 def test_soil_does_not_push_a_tool_at_rest_or_moving_back() -> None:
     resistance = SoilResistance(800.0, 20e3, DT)
     resistance.receive(forces(-20e3), REST)

@@ -166,6 +166,16 @@ def test_blade_turned_with_a_slope_has_the_force_of_the_turned_wedge(name, slope
     assert found == pytest.approx(np.broadcast_to(blade, found.shape), rel=0.01, abs=50.0)
 
 
+@pytest.mark.parametrize("dive", [10.0, 25.0, 40.0])
+@pytest.mark.parametrize("name", ["dry sand", "loam"])
+def test_blade_that_dives_has_the_wedge_of_its_angle_to_the_ground(name, dive) -> None:
+    dx, dz = TRAVEL * math.cos(math.radians(dive)), -TRAVEL * math.sin(math.radians(dive))
+    soil = flat_soil(6.0, 0.2, soil=name)
+    soil.relaxation.is_enabled = False
+    found = force(soil, tool_sweep(plate(60.0), (0, 0, -DEPTH - dz), (dx, 0, -DEPTH)))
+    assert found == pytest.approx(expected(name, 60.0), rel=0.01, abs=30.0)
+
+
 def test_picks_in_sloping_rock_resist_against_the_travel() -> None:
     level, up = (
         np.array(drag_up_slope(0.2, slope, 0.0, name="rock", turned=True)).mean(axis=0)
