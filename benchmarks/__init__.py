@@ -4,7 +4,7 @@ Soil: `soil_step_cost` (with `reference_soil`, the method of 2014, as baseline),
 (pictures of the terrains of `soil_scenes`).
 Particles: `particle_step_cost`, `particle_feature_cost`, `cubes_in_box` and `liggghts_comparison`
 (with `liggghts_runner`), on the scenes of `particle_scenes`; `validation` repeats laboratory
-experiments.
+experiments, `resolved_dig` a dig in LIGGGHTS.
 Machines: `driving_performance`, `random_digging`, `machine_count_scaling`, `dig_cycle_cost`,
 `machine_gallery` (pictures).
 Exchange: `node_performance`, `message_codec`, `record_fixture_bag`.

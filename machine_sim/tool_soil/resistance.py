@@ -185,7 +185,8 @@ class SoilResistance:
         fx, fy, fz = self.cut.force.tolist()
         x, y, z = self._mean_push
         against = (x * fx + y * fy + z * fz) / self.cut.max_force
-        return max(self.cut.max_force - max(against, 0.0), 0.0)
+        remaining: float = max(self.cut.max_force - max(against, 0.0), 0.0)
+        return remaining
 
 
 def _reset_if_released(contact: CappedSpringDamper, pose: Pose) -> None:

@@ -27,6 +27,9 @@ __all__ = [
 
 Array = NDArray[np.float64]
 
+NO_PUSH: Vec3 = (0.0, 0.0, 0.0)
+"""Push of a tool that holds no soil [N]."""
+
 Twist = tuple[Vec3, Vec3]
 """Velocity of a frame's origin [m/s] and angular velocity [rad/s], map axes."""
 
@@ -118,8 +121,16 @@ class ToolResistance(Protocol):
         """Remove all wrenches until the next FORCE rows."""
         ...
 
-    def step(self, pose: Pose, velocity: Twist, dt: float) -> Wrench:
-        """Return the wrench on the tool in the next physics step of `dt` [s]."""
+    def step(self, pose: Pose, velocity: Twist, dt: float, push: Vec3 = NO_PUSH) -> Wrench:
+        """Return the wrench on the tool in the next physics step of `dt` [s].
+
+        Args:
+            pose: of the tool frame.
+            velocity: of its origin [m/s], and angular [rad/s], map axes.
+            dt: physics step [s].
+            push: force of the soil in the tool on it, without the weight of that soil [N], map
+                axes.
+        """
         ...
 
 
@@ -212,6 +223,6 @@ class NoResistance:
     def reset(self) -> None:
         """Do nothing."""
 
-    def step(self, pose: Pose, velocity: Twist, dt: float) -> Wrench:
+    def step(self, pose: Pose, velocity: Twist, dt: float, push: Vec3 = NO_PUSH) -> Wrench:
         """Return no force and no torque."""
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

@@ -1,0 +1,127 @@
+"""Two digs on the same path as numbers, as tables and as a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from benchmarks.resolved_dig.dig import DigRecord
+from earthmoving_sim.pictures.style import CUT, DPI, FILL, LABEL, SMALL, add_axes, new_figure
+
+__all__ = ["Comparison", "compare", "draw_comparison", "write_tables"]
+
+Array = NDArray[np.float64]
+
+
+_ROUGHNESS = 0.04
+"""Change of height that a surface of spheres has without a dig [m]."""
+
+
+class Comparison(NamedTuple):
+    """Ratios of the first to the second dig.
+
+    Attributes:
+        force: of the mean horizontal force while the bucket cuts.
+        work: of the work of the force on the bucket.
+        fill: of the volume in the bucket where it leaves the ground.
+        trench: of the volume that the profile lost below z = 0, by width.
+        berm: of the volume that the profile gained above z = 0, by width.
+    """
+
+    force: float
+    work: float
+    fill: float
+    trench: float
+    berm: float
+
+
+def compare(first: DigRecord, second: DigRecord) -> Comparison:
+    """Return the ratios of two digs on the same path."""
+    is_cutting = _is_cutting(first)
+    full = np.flatnonzero(is_cutting & ~np.isnan(second.fill))[-1]
+    ratios = [
+        first.force[is_cutting, 0].mean() / second.force[is_cutting, 0].mean(),
+        _work(first) / _work(second),
+        first.fill[full] / second.fill[full],
+    ]
+    is_known = ~np.isnan(second.profile)
+    for sign in (-1.0, 1.0):
+        changes = (sign * each.profile[is_known] for each in (first, second))
+        a, b = (change[change > _ROUGHNESS].sum() for change in changes)
+        ratios.append(a / b)
+    return Comparison(*map(float, ratios))
+
+
+def write_tables(folder: Path, digs: dict[str, DigRecord]) -> None:
+    """Write the path, and forces, fills and profiles of digs by name, as CSV files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = next(iter(digs.values()))
+    names, columns = ["time_s", "x_m", "z_m", "pitch_rad"], [path.times]
+    columns += [path.origin[:, 0], path.origin[:, 2], path.pitch]
+    for name, dig in digs.items():
+        names += [f"{name}_fx_n", f"{name}_fz_n", f"{name}_fill_m3"]
+        columns += [dig.force[:, 0], dig.force[:, 2], dig.fill]
+    _write_csv(folder / "resolved_dig.csv", names, columns)
+    profiles = [dig.profile for dig in digs.values()]
+    _write_csv(
+        folder / "resolved_dig_profile.csv",
+        ["x_m", *(f"{name}_z_m" for name in digs)],
+        [path.x, *profiles],
+    )
+
+
+def draw_comparison(path: Path, digs: dict[str, DigRecord]) -> None:
+    """Draw force and fill over time, and the profile of the ground."""
+    figure = new_figure(12.6, 4.3)
+    force, fill, ground = (add_axes(figure, 0.7 + 4.15 * k, 0.6, 3.4, 3.3) for k in range(3))
+    for (name, dig), colour in zip(digs.items(), (CUT, FILL), strict=True):
+        force.plot(dig.times, 1e-3 * dig.force[:, 0], color=colour, label=f"{name}, against travel")
+        force.plot(
+            dig.times, -1e-3 * dig.force[:, 2], color=colour, linestyle=":", label=f"{name}, down"
+        )
+        known = ~np.isnan(dig.fill)
+        fill.plot(dig.times[known], dig.fill[known], color=colour, label=name)
+        ground.plot(dig.x, dig.profile, color=colour, label=name)
+    ground.set_xlim(3.2, 8.2)
+    _label(force, "Force on the bucket", "time [s]", "kN")
+    _label(fill, "Soil below the opening", "time [s]", "m³")
+    _label(ground, "Ground at the end, mean over 0.6 m", "x [m]", "height [m]")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=DPI)
+
+
+def _is_cutting(dig: DigRecord) -> NDArray[np.bool_]:
+    """Return in which intervals the lip is below the ground and moves toward -x."""
+    reach = dig.bucket.tip_radius
+    lip = np.stack(
+        [
+            dig.origin[:, 0] + reach * np.cos(dig.pitch),
+            dig.origin[:, 2] - reach * np.sin(dig.pitch),
+        ],
+        axis=-1,
+    )
+    is_forward = np.diff(lip[:, 0], prepend=lip[0, 0]) < -1e-3
+    return np.asarray((lip[:, 1] < -0.05) & is_forward)
+
+
+def _work(dig: DigRecord) -> float:
+    """Return the work of the bucket pin against the force [J], without that of rotation."""
+    steps = np.diff(dig.origin, axis=0)
+    return float(-(dig.force[1:] * steps).sum())
+
+
+def _label(axes: Axes, title: str, x: str, y: str) -> None:
+    axes.set_title(title, fontsize=LABEL, loc="left")
+    axes.set_xlabel(x, fontsize=SMALL)
+    axes.set_ylabel(y, fontsize=SMALL)
+    axes.tick_params(labelsize=SMALL)
+    axes.legend(fontsize=SMALL, frameon=False)
+
+
+def _write_csv(path: Path, names: list[str], columns: list[Array]) -> None:
+    table = np.column_stack(columns)
+    np.savetxt(path, table, delimiter=",", header=",".join(names), comments="", fmt="%.5g")

@@ -1,0 +1,74 @@
+"""The dig that is compared with a resolved DEM: its path in LIGGGHTS, and the comparison."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.machine_scenes import excavator
+
+from benchmarks.liggghts_runner import is_installed
+from benchmarks.resolved_dig.comparison import compare, draw_comparison, write_tables
+from benchmarks.resolved_dig.dig import INTERVAL, DigRecord, inside_bucket
+from benchmarks.resolved_dig.liggghts_bed import Bed, dig_in_liggghts
+
+NUM_INTERVALS = 12
+
+
+def level_drag(depth: float = 0.2) -> DigRecord:
+    """Return a drag at 1 m/s toward -x, with the lip straight below the pin."""
+    bucket, count = excavator().bucket, NUM_INTERVALS
+    times = INTERVAL * np.arange(1, count + 1)
+    x = np.linspace(3.0, 8.4, 55)
+    return DigRecord(
+        bucket, 1500.0, 34.0, 20.0, times,
+        np.column_stack([6.0 - times, np.zeros(count), np.full(count, bucket.tip_radius - depth)]),
+        np.full(count, 0.5 * np.pi), np.tile([8e3, 0.0, -3e3], (count, 1)),
+        np.linspace(0.0, 0.3, count), x, np.where(x > 5.6, -depth, 0.1),
+    )  # fmt: skip
+
+
+def test_points_in_the_bucket_are_below_its_opening_and_between_its_sides() -> None:
+    bucket = excavator().bucket
+    x, z = bucket.profile.mean(axis=0).tolist()
+    points = np.array([[x, 0.0, z], [x, 0.0, z - 1.0], [x, bucket.width, z]])
+    assert inside_bucket(bucket, points).tolist() == [True, False, False]
+
+
+def test_ratios_are_those_of_the_first_to_the_second() -> None:
+    first = level_drag()
+    second = replace(
+        first,
+        force=0.5 * first.force,
+        fill=np.where(np.arange(NUM_INTERVALS) % 3 == 2, first.fill / 3.0, np.nan),
+        profile=0.25 * first.profile,
+    )
+    found = compare(first, second)
+    assert found.force == pytest.approx(2.0)
+    assert found.work == pytest.approx(2.0)
+    assert found.fill == pytest.approx(3.0)
+    assert found.trench == pytest.approx(4.0, rel=0.2)
+    assert compare(first, first) == pytest.approx((1.0,) * 5)
+
+
+def test_tables_and_picture_are_written(tmp_path: Path) -> None:
+    digs = {"ours": level_drag(), "liggghts": level_drag(0.3)}
+    write_tables(tmp_path, digs)
+    draw_comparison(tmp_path / "dig.png", digs)
+    table = np.genfromtxt(tmp_path / "resolved_dig.csv", delimiter=",", names=True)
+    assert table["liggghts_fx_n"].tolist() == [8e3] * NUM_INTERVALS
+    assert table["x_m"] == pytest.approx(digs["ours"].origin[:, 0], rel=1e-4)
+    profile = np.genfromtxt(tmp_path / "resolved_dig_profile.csv", delimiter=",", names=True)
+    assert profile["ours_z_m"].min() == -0.2
+    assert (tmp_path / "dig.png").stat().st_size > 10_000
+
+
+@pytest.mark.skipif(not is_installed(), reason="LIGGGHTS is not installed")
+def test_bucket_in_liggghts_follows_the_path(tmp_path: Path) -> None:
+    found = dig_in_liggghts(level_drag(), Bed(radius=0.12), tmp_path)
+    assert found.force.shape == (NUM_INTERVALS, 3)
+    assert found.force[5:, 0].mean() > 200.0, "the bed resists against the travel"
+    assert np.nanmax(found.profile) < 0.5
+    assert "axis" not in (tmp_path / "in.txt").read_text(), "the bucket does not turn"
