@@ -30,6 +30,11 @@ _MAX_TOOL_EXTENT = 50.0
 """Largest extent of a tool along an axis [m]; the widest blades and buckets are below 25 m."""
 
 
+_MAX_SWEPT_AREA = 50.0
+"""Largest product of width and displacement of a tool in a tick [m^2]: the widest blades at 200 m/s.
+The time that a sweep takes to compute grows with it."""
+
+
 class SweepFault(IntEnum):
     """Reason for which the rows of a tool are rejected."""
 
@@ -42,6 +47,7 @@ class SweepFault(IntEnum):
     ROOM = 6
     WORK = 7
     PRESSURE = 8
+    AREA = 9
 
 
 _FAULT_MESSAGES = {
@@ -57,6 +63,8 @@ _FAULT_MESSAGES = {
     " can take in",
     SweepFault.DISPLACEMENT: f"a key point moves more than {_MAX_DISPLACEMENT:g} m in a tick; start"
     " where the last tick ended",
+    SweepFault.AREA: f"it sweeps more than {_MAX_SWEPT_AREA:g} m2 in a tick, its width times its"
+    " displacement; send smaller motions",
     SweepFault.WORK: f"its work is not between 0 and {MAX_MILLING_WORK:g} J, differs from row to"
     " row, or is not 0 although it does not mill; send the work that the drum can deliver in the"
     " tick",
@@ -71,12 +79,13 @@ _NO_FAULT, _PAIR_ORDER, _ACTION, _ROOM = (
     int(SweepFault.ACTION),
     int(SweepFault.ROOM),
 )
-_COORDINATE, _EXTENT, _DISPLACEMENT, _WORK, _PRESSURE = (
+_COORDINATE, _EXTENT, _DISPLACEMENT, _WORK, _PRESSURE, _AREA = (
     int(SweepFault.COORDINATE),
     int(SweepFault.EXTENT),
     int(SweepFault.DISPLACEMENT),
     int(SweepFault.WORK),
     int(SweepFault.PRESSURE),
+    int(SweepFault.AREA),
 )
 _COMPACT, _MILL = int(SweepAction.COMPACT), int(SweepAction.MILL)
 _LAST_ACTION = int(max(SweepAction))
@@ -157,6 +166,7 @@ def _find_fault(rows, points, first_row, end):  # type: ignore[no-untyped-def]
     """Return the first `SweepFault` of the rows `first_row` to `end` of one tool."""
     if (end - first_row) % 2 == 1:
         return _PAIR_ORDER
+    max_distance_squared = max_width_squared = 0.0
     for n in range(first_row, end):
         index = n - first_row
         if rows[n].pair != index // 2:
@@ -182,6 +192,14 @@ def _find_fault(rows, points, first_row, end):  # type: ignore[no-untyped-def]
             distance_squared += (stop - start) ** 2
         if distance_squared > _MAX_DISPLACEMENT**2:
             return _DISPLACEMENT
+        max_distance_squared = max(max_distance_squared, distance_squared)
+    for n in range(first_row, end, 2):
+        width_squared = 0.0
+        for axis in range(3):
+            width_squared += (points[n + 1, 1, axis] - points[n, 1, axis]) ** 2
+        max_width_squared = max(max_width_squared, width_squared)
+    if max_distance_squared * max_width_squared > _MAX_SWEPT_AREA**2:
+        return _AREA
     for t in range(2):
         for axis in range(3):
             low = high = points[first_row, t, axis]

@@ -62,6 +62,7 @@ INVALID = {
     },
     **{f"{name} {value}": setting(name, value) for name in COORDINATES for value in (2e5, -1e18)},
     "jump": setting("x1", 30.0),
+    "sweeps too much": lambda rows: large(rows),
     "too wide": lambda rows: wide(rows),
     "first row missing": lambda rows: rows[1:],
     "last row missing": lambda rows: rows[:-1],
@@ -80,6 +81,14 @@ INVALID = {
     },
     "unknown action": setting("action", 9, row=slice(2, 4)),  # type: ignore[arg-type]
 }
+
+
+def large(rows: Rows) -> Rows:
+    """Return the sweep of a bucket 24 m wide that moves 10 m."""
+    for end in "01":
+        rows[f"y{end}"] = np.where(np.arange(rows.size) % 2, 3.0, 27.0)
+    rows["x1"] += 10.0
+    return rows
 
 
 def wide(rows: Rows) -> Rows:
@@ -108,6 +117,7 @@ def test_invalid_tool_is_rejected_and_does_not_affect_others(case: str, mode: st
         ("x1 nan", "not finite"),
         ("jump", "20 m"),
         ("too wide", "50 m"),
+        ("sweeps too much", "50 m2"),
         ("pair missing", "all its pairs"),
         ("two actions in a pair", "action"),
         ("two rooms", "room_mm3"),
