@@ -31,7 +31,7 @@ _MAX_TOOL_EXTENT = 50.0
 
 
 _MAX_SWEPT_AREA = 50.0
-"""Largest product of width and displacement of a tool in a tick [m^2]: the widest blades at 200 m/s.
+"""Largest product of width and displacement of a tool in a tick [m^2]: the widest blade at 200 m/s.
 The time that a sweep takes to compute grows with it."""
 
 
