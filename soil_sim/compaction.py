@@ -71,11 +71,12 @@ class CompactedColumns(NamedTuple):
 
     Attributes:
         yielded: those whose soil yielded, sorted.
-        pressed: those that a plate rests on under pressure, sorted; None if there is no pressure.
+        pressed: those that each tool rests on under pressure, sorted, by the id of the tool; tools
+            without pressure are left out.
     """
 
     yielded: NDArray[np.int64]
-    pressed: NDArray[np.int64] | None
+    pressed: dict[int, NDArray[np.int64]]
 
 
 def compact(columns: Columns, pairs: PressedPairs, sinkage: NDArray[np.void]) -> CompactedColumns:
@@ -87,24 +88,25 @@ def compact(columns: Columns, pairs: PressedPairs, sinkage: NDArray[np.void]) ->
         sinkage: `sinkage_table` of the kinds of soil.
     """
     if pairs.has_plate.size == 0:  # as with a machine that has no tracks
-        return CompactedColumns(np.zeros(0, dtype=np.int64), None)
-    under, has_pressure = _compact(*pairs, columns.boxed_arrays, columns.frame, sinkage)
+        return CompactedColumns(np.zeros(0, dtype=np.int64), {})
+    under, tools = _compact(*pairs, columns.boxed_arrays, columns.frame, sinkage)
     yielded = np.unique(under[under >= 0])
-    pressed = np.unique(np.where(under < 0, ~under, under)) if has_pressure else None
-    return CompactedColumns(yielded, pressed)
+    cells = np.where(under < 0, ~under, under)
+    with_pressure = np.unique(pairs.tool[pairs.pressure.max(axis=1) > 0.0]).tolist()
+    return CompactedColumns(yielded, {n: np.unique(cells[tools == n]) for n in with_pressure})
 
 
 @kernel
-def _compact(points, has_plate, pressure, boxed_columns, frame, sinkage):  # type: ignore[no-untyped-def]
+def _compact(points, has_plate, pressure, tool, boxed_columns, frame, sinkage):  # type: ignore[no-untyped-def]
     """Compact soil as `compact`.
 
     Returns:
         (flat indices of the columns under plates, one for each triangle: that of a column that does
-        not yield is inverted; whether any pressure is above 0).
+        not yield is inverted; id of the tool of each).
     """
     columns = boxed_columns.table
     under, count = np.empty(64, dtype=np.int64), np.int64(0)
-    has_pressure = False
+    tools = np.empty(0, dtype=np.int64)
     for n in range(points.shape[0] - 1):
         if not has_plate[n]:
             continue
@@ -115,7 +117,6 @@ def _compact(points, has_plate, pressure, boxed_columns, frame, sinkage):  # typ
                     distance = max(distance, abs(points[m, 1, p, axis] - points[m, 0, p, axis]))
         poses = min(max(1, int(np.ceil(2.0 * distance / frame.cell))), _MAX_POSES)
         width = _width(points, n)
-        has_pressure |= pressure[n : n + 2].max() > 0.0
         p_a, p_b, p_c, p_d = pressure[n, 0], pressure[n, 1], pressure[n + 1, 0], pressure[n + 1, 1]
         for pose in range(1, poses + 1):
             t = pose / poses
@@ -128,7 +129,10 @@ def _compact(points, has_plate, pressure, boxed_columns, frame, sinkage):  # typ
                 under, count = _compact_triangle(
                     (b, c, third), (p_b, p_c, p_third), width, columns, frame, sinkage, under, count
                 )
-    return under[:count], has_pressure
+        before, tools = tools, np.empty(count, dtype=np.int64)
+        tools[: before.size] = before
+        tools[before.size :] = tool[n]
+    return under[:count], tools
 
 
 @helper

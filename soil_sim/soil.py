@@ -260,7 +260,7 @@ class Soil:
         """
         machines = group_by_machine(sweeps)
         millings: list[Milling] = []
-        pressed: dict[int, NDArray[np.int64] | None] = {}
+        pressed: dict[int, dict[int, NDArray[np.int64]]] = {}
         if self.params.cut_mode == "swept":
             self._swept_cut.reserve([cut for machine in machines for cut in machine.cuts])
             removed = [self._cut(machine, millings) for machine in machines]
@@ -292,8 +292,8 @@ class Soil:
             millings.append(milling)
         return removed
 
-    def _compact(self, machine: MachineSweeps) -> NDArray[np.int64] | None:
-        """Press soil down; return the columns under the tracks, None if these are at rest."""
+    def _compact(self, machine: MachineSweeps) -> dict[int, NDArray[np.int64]]:
+        """Press soil down; return the columns under each track that moved, by tool id."""
         compacted = compact(self.columns, machine.pressed, self._sinkage)
         self.relaxation.mark_disturbed(compacted.yielded, include_neighbours=True)
         return compacted.pressed

@@ -66,11 +66,13 @@ class PressedPairs(NamedTuple):
         points, has_plate: as of `SweptPairs`.
         pressure: on the ground at the left and the right end of each pair [Pa], shape (pairs, 2),
             float64.
+        tool: id of the tool of each pair, shape (pairs,), int64.
     """
 
     points: NDArray[np.float64]
     has_plate: NDArray[np.bool_]
     pressure: NDArray[np.float64]
+    tool: NDArray[np.int64]
 
 
 class CutSweep(NamedTuple):
@@ -185,18 +187,22 @@ def _split_machine(rows, points, start):  # type: ignore[no-untyped-def]
     no, yes = np.bool_(False), np.bool_(True)
     cut_pairs, left = _select_pairs(rows, points, start, end, no)
     (pressing, has_plate), pressing_left = _select_pairs(rows, points, start, end, yes)
-    pressed = (pressing, has_plate, _pressures_of_pairs(rows, pressing_left))
+    pressed = (pressing, has_plate, *_pressures_of_pairs(rows, pressing_left))
     return cut_pairs, pressed, _tools_of_pairs(rows, left), rows[start].machine_id, end
 
 
 @helper
 def _pressures_of_pairs(rows, left):  # type: ignore[no-untyped-def]
-    """Return the pressures of pairs as `PressedPairs`; `left` are the first rows of the pairs."""
-    pressure = np.empty((left.size, 2))
+    """Return pressures and tools of pairs as `PressedPairs`.
+
+    `left` are the first rows of the pairs.
+    """
+    pressure, tool = np.empty((left.size, 2)), np.empty(left.size, dtype=np.int64)
     for k in range(left.size):
+        tool[k] = rows[left[k]].tool
         for side in range(2):
             pressure[k, side] = rows[left[k] + side].pressure
-    return pressure
+    return pressure, tool
 
 
 @helper

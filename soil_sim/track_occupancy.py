@@ -1,7 +1,7 @@
 """Columns that tracks stand on: no soil slides into them from the sides of a rut.
 
-A machine at rest sends no rows of its tracks, so its columns stay marked until it drives again, or
-takes no part in a tick.
+A track at rest has no rows, so its columns stay marked until it moves again, or its machine takes
+no part in a tick.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _NO_CELLS: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
 
 
 class TrackOccupancy:
-    """Marks of the columns under the tracks of each machine."""
+    """Marks of the columns under each track."""
 
     def __init__(self, occupied: NDArray[np.uint8]) -> None:
         """
@@ -27,28 +27,27 @@ class TrackOccupancy:
             occupied: layer of `columns.occupancy` in which to mark the columns, shape (rows, cols).
         """
         self._occupied = occupied.reshape(-1)
-        self._cells: dict[int, NDArray[np.int64]] = {}  # flat indices by machine id
+        # Flat indices by machine id and tool id.
+        self._cells: dict[tuple[int, int], NDArray[np.int64]] = {}
 
-    def end_tick(self, cells: Mapping[int, NDArray[np.int64] | None]) -> NDArray[np.int64]:
+    def end_tick(self, pressed: Mapping[int, Mapping[int, NDArray[np.int64]]]) -> NDArray[np.int64]:
         """Mark the columns under tracks, and free those that tracks have left.
 
         Columns that a tool is in keep the mark of the tool.
 
         Args:
-            cells: flat indices of the columns by machine id, of each machine in the tick; None if
-                its tracks are at rest.
+            pressed: flat indices of the columns under each track that moved, by tool id, for the id
+                of each machine in the tick.
 
         Returns:
             Flat indices of the columns that were freed, sorted.
         """
-        if not self._cells and not any(each is not None for each in cells.values()):
+        if not self._cells and not any(pressed.values()):
             return _NO_CELLS  # as without tracks
         before = self._cells
-        self._cells = {}
-        for machine_id, each in cells.items():
-            under = before.get(machine_id, _NO_CELLS) if each is None else each
-            if under.size:
-                self._cells[machine_id] = under
+        moved = {(i, tool): cells for i, tools in pressed.items() for tool, cells in tools.items()}
+        at_rest = {key: cells for key, cells in before.items() if key[0] in pressed}
+        self._cells = {key: cells for key, cells in (at_rest | moved).items() if cells.size}
         for marked in before.values():
             self._replace(marked, TRACK_ABOVE, FREE)
         for marked in self._cells.values():

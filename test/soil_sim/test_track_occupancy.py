@@ -51,12 +51,14 @@ def test_marks_are_those_of_each_machine_and_marks_of_tools_are_kept() -> None:
     occupied = np.zeros((2, 3), dtype=np.uint8)
     tracks = TrackOccupancy(occupied)
     occupied[0, 0] = TOOL_INSIDE
-    assert tracks.end_tick({1: np.array([0, 1]), 2: np.array([4])}).size == 0
+    assert tracks.end_tick({1: {5: np.array([0, 1])}, 2: {5: np.array([4])}}).size == 0
     assert occupied.tolist() == [[TOOL_INSIDE, TRACK_ABOVE, FREE], [FREE, TRACK_ABOVE, FREE]]
-    assert tracks.end_tick({1: np.array([0, 2]), 2: None}).tolist() == [1]
+    assert tracks.end_tick({1: {5: np.array([0, 2])}, 2: {}}).tolist() == [1]
     assert occupied.tolist() == [[TOOL_INSIDE, FREE, TRACK_ABOVE], [FREE, TRACK_ABOVE, FREE]]
-    assert tracks.end_tick({1: None}).tolist() == [4]
-    assert tracks.end_tick({}).tolist() == [2]
+    # Another machine of the same node drives.
+    assert tracks.end_tick({1: {7: np.array([3])}}).tolist() == [4]
+    assert occupied.tolist() == [[TOOL_INSIDE, FREE, TRACK_ABOVE], [TRACK_ABOVE, FREE, FREE]]
+    assert tracks.end_tick({}).tolist() == [2, 3]
     assert occupied.tolist() == [[TOOL_INSIDE, FREE, FREE], [FREE, FREE, FREE]]
 
 
