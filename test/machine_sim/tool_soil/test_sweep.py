@@ -3,6 +3,7 @@ import pytest
 from support.machine_scenes import excavator
 
 from machine_sim.machine.arm_kinematics import tool_pose
+from machine_sim.machine.tracks.track_model import SoleContact
 from machine_sim.tool_soil.sweep import PlateSweep, TrackSweep
 from msg_bridge.contract.rows import SweepAction
 
@@ -61,6 +62,19 @@ def test_driving_tracks_compact_below_their_shoes() -> None:
     assert (left["y0"][0::2] > left["y0"][1::2]).all(), "left ends first"
     assert rows["x1"] - rows["x0"] == pytest.approx(0.02, abs=1e-6)
     assert not rows["z0"].any()
+
+
+def test_rows_of_tracks_have_the_pressure_of_their_ends() -> None:
+    start, end = (np.eye(3), np.zeros(3)), (np.eye(3), np.array([0.02, 0.0, 0.0]))
+    contact = SoleContact((-0.1, -0.2), (60e3, 50e3), (20e3, 10e3))
+    rows = TrackSweep(MACHINE.tracks, 1).rows(start, end, contact)
+    front, left = rows["x0"] > 0.0, rows["y0"] > 0.0
+    for is_front, is_left, pressure in (
+        (True, True, 60e3), (True, False, 50e3), (False, True, 20e3), (False, False, 10e3)
+    ):  # fmt: skip
+        of_end = rows[(front == is_front) & (left == is_left)]
+        assert of_end["pressure"].tolist() == [pressure] * 2
+        assert of_end["z1"] == pytest.approx([-0.1 if is_left else -0.2] * 2)
 
 
 def test_standing_tracks_do_not_compact() -> None:
