@@ -13,7 +13,7 @@ from soil_sim.soils.params import SoilParams
 from soil_sim.track_occupancy import TrackOccupancy
 
 GRID = Grid(81, 81, 0.05)
-UNDER = (slice(37, 44), slice(37, 44))
+UNDER = (slice(35, 46), slice(35, 46))
 PRESSURE = 100e3
 
 
