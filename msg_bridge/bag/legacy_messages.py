@@ -91,6 +91,7 @@ def _upgrade_cloud(topic: str, message: Any) -> None:
     The moisture of terrain maps, float32, is converted from a fraction to per cent.
     """
     if any(field.name == "epoch" for field in message.fields):
+        message.fields = [copy.copy(field) for field in message.fields]  # others may have them, too
         for field in message.fields:
             field.name = FIELDS.get(field.name, field.name)
             if field.name == "moisture" and field.datatype == _FLOAT32:
@@ -107,13 +108,14 @@ def _insert_field(cloud: Any, name: str, value: NDArray[Any], before: str) -> No
     data = np.array(cloud.data, dtype=np.uint8)
     if at is None or step == 0 or data.size % step:
         return  # the decoder of the message reports the error
-    offset = int(cloud.fields[at].offset)
-    field = copy.copy(cloud.fields[at])
+    # Copies: other messages may have the same fields.
+    fields = [copy.copy(field) for field in cloud.fields]
+    offset = int(fields[at].offset)
+    field = copy.copy(fields[at])
     field.name, field.datatype = name, _FLOAT32 if value.dtype.kind == "f" else _UINT32
-    for following in cloud.fields[at:]:
+    for following in fields[at:]:
         following.offset += value.itemsize
-    field.offset = offset
-    cloud.fields.insert(at, field)
+    cloud.fields = [*fields[:at], field, *fields[at:]]
     added = np.frombuffer(value.tobytes(), np.uint8)
     points = np.insert(data.reshape(-1, step), [offset] * added.size, added, axis=1)
     cloud.data = array.array("B", points.tobytes())
