@@ -240,28 +240,42 @@ def drop_spheres(
     Raises:
         LiggghtsError: LIGGGHTS is not installed or failed, or its result cannot be used.
     """
-    if not is_installed():
-        raise LiggghtsError(INSTALL_HINT)
     count = len(spheres.position)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         (folder / "data.txt").write_text(data_text(spheres))
         (folder / "in.txt").write_text(input_text(spheres, timestep, parts, youngs_modulus))
-        try:
-            result = subprocess.run(
-                [PROGRAM, "-in", "in.txt", "-log", "none"],
-                cwd=folder,
-                env={**os.environ, "OMP_NUM_THREADS": "1"},
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                text=True,
-                timeout=_TIME_LIMIT,
-                check=False,
-            )
-        except subprocess.TimeoutExpired as error:
-            raise LiggghtsError(f"LIGGGHTS took more than {_TIME_LIMIT:.0f} s") from error
-        if result.returncode or "ERROR" in result.stdout:
-            raise LiggghtsError(f"LIGGGHTS failed; its output ends with:\n{result.stdout[-2000:]}")
-        seconds = loop_seconds(result.stdout, parts, count)
+        output = run_program(folder, _TIME_LIMIT)
+        seconds = loop_seconds(output, parts, count)
         return HeapResult(seconds, last_positions((folder / "end.txt").read_text(), count))
+
+
+def run_program(folder: Path, time_limit: float) -> str:
+    """Run `in.txt` of a folder on one core, and return the output of LIGGGHTS.
+
+    Args:
+        folder: its working folder.
+        time_limit: wall time [s].
+
+    Raises:
+        LiggghtsError: LIGGGHTS is not installed, failed, or took longer.
+    """
+    if not is_installed():
+        raise LiggghtsError(INSTALL_HINT)
+    try:
+        result = subprocess.run(
+            [PROGRAM, "-in", "in.txt", "-log", "none"],
+            cwd=folder,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            timeout=time_limit,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise LiggghtsError(f"LIGGGHTS took more than {time_limit:.0f} s") from error
+    if result.returncode or "ERROR" in result.stdout:
+        raise LiggghtsError(f"LIGGGHTS failed; its output ends with:\n{result.stdout[-2000:]}")
+    return result.stdout

@@ -33,7 +33,8 @@ class TrackOccupancy:
     def end_tick(self, pressed: Mapping[int, Mapping[int, NDArray[np.int64]]]) -> NDArray[np.int64]:
         """Mark the columns under tracks, and free those that tracks have left.
 
-        Columns that a tool is in keep the mark of the tool.
+        Columns that a tool is in keep the mark of the tool; when it leaves a column under a track
+        at rest, that column is free.
 
         Args:
             pressed: flat indices of the columns under each track that moved, by tool id, for the id
@@ -42,8 +43,8 @@ class TrackOccupancy:
         Returns:
             Flat indices of the columns that were freed, sorted.
         """
-        if not self._cells and not any(pressed.values()):
-            return _NO_CELLS  # as without tracks
+        if not any(pressed.values()) and all(key[0] in pressed for key in self._cells):
+            return _NO_CELLS  # all tracks are at rest
         before = self._cells
         moved = {(i, tool): cells for i, tools in pressed.items() for tool, cells in tools.items()}
         at_rest = {key: cells for key, cells in before.items() if key[0] in pressed}

@@ -8,9 +8,7 @@ its pin.
 from __future__ import annotations
 
 import math
-import os
 import re
-import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,17 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.liggghts_runner import (
-    INSTALL_HINT,
     MIN_YOUNGS_MODULUS,
-    PROGRAM,
     ContactCoefficients,
-    LiggghtsError,
-    is_installed,
     rayleigh_time,
+    run_program,
 )
 from benchmarks.resolved_dig.dig import INTERVAL, DigRecord, inside_bucket
 
-__all__ = ["Bed", "dig_in_liggghts"]
+__all__ = ["Bed", "dig_in_liggghts", "write_input"]
 
 Array = NDArray[np.float64]
 
@@ -48,6 +43,7 @@ _SETTLING_TIME, _LEVELLING_TIME = 0.9, 0.3
 _DUMPS_EVERY = 5
 """Segments between two records of all spheres."""
 
+_TIME_LIMIT = 4.0 * 3600.0  # [s]
 _MAX_RAYLEIGH_FRACTION = 0.2
 _POISSON_RATIO = 0.3
 _MODEL = "model hertz tangential history rolling_friction epsd2"
@@ -78,24 +74,11 @@ def dig_in_liggghts(record: DigRecord, bed: Bed, folder: Path) -> DigRecord:
     Raises:
         LiggghtsError: LIGGGHTS is not installed or failed.
     """
-    if not is_installed():
-        raise LiggghtsError(INSTALL_HINT)
     folder.mkdir(parents=True, exist_ok=True)
     for old in folder.glob("dig_*.txt"):
         old.unlink()
-    num_steps = _write_input(record, bed, folder)
-    result = subprocess.run(
-        [PROGRAM, "-in", "in.txt", "-log", "log.txt"],
-        cwd=folder,
-        env={**os.environ, "OMP_NUM_THREADS": "1"},
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
-    )
-    if result.returncode or "ERROR" in result.stdout:
-        raise LiggghtsError(f"LIGGGHTS failed; its output ends with:\n{result.stdout[-2000:]}")
+    num_steps = write_input(record, bed, folder)
+    run_program(folder, _TIME_LIMIT)
     means = np.loadtxt(folder / "force.txt")
     force = np.vstack([np.zeros(3), means[:, 1:4]])  # the path begins at the end of an interval
     first = int(means[0, 0]) - num_steps
@@ -108,8 +91,8 @@ def dig_in_liggghts(record: DigRecord, bed: Bed, folder: Path) -> DigRecord:
     return replace(record, force=force, fill=fill, profile=_profile(record, bed, end))
 
 
-def _write_input(record: DigRecord, bed: Bed, folder: Path) -> int:
-    """Write the files of a run; return the number of steps of a segment."""
+def write_input(record: DigRecord, bed: Bed, folder: Path) -> int:
+    """Write the files of a run into a folder; return the number of steps of a segment."""
     _write_spheres(record, bed, folder / "data.txt")
     _write_mesh(record, folder / "bucket.stl")
     longest = _MAX_RAYLEIGH_FRACTION * rayleigh_time(

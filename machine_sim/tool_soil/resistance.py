@@ -161,11 +161,7 @@ class SoilResistance:
         """Return the wrench of the next physics step.
 
         Args:
-            pose: of the tool frame.
-            velocity: of its origin [m/s], and angular [rad/s], map axes.
-            dt: physics step [s].
-            push: force of the soil in the tool on it, without the weight of that soil [N], map
-                axes.
+            pose, velocity, dt, push: see `ToolResistance.step`.
 
         Returns:
             Force [N] on the tool and torque about its frame's origin [N m], map axes.

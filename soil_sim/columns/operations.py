@@ -39,9 +39,9 @@ def firm_top(columns, i):  # type: ignore[no-untyped-def]
 def packed_depth(columns, i):  # type: ignore[no-untyped-def]
     """Return the thickness of the packed soil at the top of the firm soil of column i [m]."""
     packing = columns.packing[i]
-    if packing == 0:
-        return 0.0
     shrinkage = columns.shrinkage[columns.soil[i]]
+    if packing == 0 or shrinkage == 0.0:  # packed before the run continued with another soil
+        return 0.0
     return packing * ((1.0 - shrinkage) / shrinkage) * columns.metres_per_mm3
 
 
@@ -173,9 +173,8 @@ def remove_firm(columns, i, bulk):  # type: ignore[no-untyped-def]
     bank, regained = bulk, np.int64(0)
     if packing > 0:
         shrinkage = columns.shrinkage[columns.soil[i]]
-        packed_bulk = packing * ((1.0 - shrinkage) / shrinkage)
         regained = packing
-        if bulk < packed_bulk:
+        if bulk < packed_depth(columns, i) / columns.metres_per_mm3:
             regained = min(np.int64(bulk * (shrinkage / (1.0 - shrinkage)) + 0.5), packing)
         bank = bulk + regained
     if bank > columns.firm[i]:

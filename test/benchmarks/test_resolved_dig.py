@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from support.machine_scenes import excavator
 from benchmarks.liggghts_runner import is_installed
 from benchmarks.resolved_dig.comparison import compare, draw_comparison, write_tables
 from benchmarks.resolved_dig.dig import INTERVAL, DigRecord, inside_bucket
-from benchmarks.resolved_dig.liggghts_bed import Bed, dig_in_liggghts
+from benchmarks.resolved_dig.liggghts_bed import Bed, dig_in_liggghts, write_input
 
 NUM_INTERVALS = 12
 
@@ -26,7 +27,7 @@ def level_drag(depth: float = 0.2) -> DigRecord:
         bucket, 1500.0, 34.0, 20.0, times,
         np.column_stack([6.0 - times, np.zeros(count), np.full(count, bucket.tip_radius - depth)]),
         np.full(count, 0.5 * np.pi), np.tile([8e3, 0.0, -3e3], (count, 1)),
-        np.linspace(0.0, 0.3, count), x, np.where(x > 5.6, -depth, 0.1),
+        np.linspace(0.0, 0.3, count), x, np.where(x > 5.6, -depth, 0.3),
     )  # fmt: skip
 
 
@@ -63,6 +64,21 @@ def test_tables_and_picture_are_written(tmp_path: Path) -> None:
     profile = np.genfromtxt(tmp_path / "resolved_dig_profile.csv", delimiter=",", names=True)
     assert profile["ours_z_m"].min() == -0.2
     assert (tmp_path / "dig.png").stat().st_size > 10_000
+
+
+def test_segments_for_liggghts_follow_the_path(tmp_path: Path) -> None:
+    level = level_drag()
+    turning = replace(level, pitch=np.linspace(1.2, 1.6, NUM_INTERVALS))
+    num_steps = write_input(turning, Bed(radius=0.2), tmp_path)
+    script = (tmp_path / "in.txt").read_text()
+    moves = re.findall(r"linear (\S+) (\S+) (\S+)\n.* period (\S+)\nrun (\d+)\n", script)
+    velocity, periods = np.array(moves, dtype=float)[:, :3], np.array(moves, dtype=float)[:, 3]
+    assert INTERVAL * velocity.sum(axis=0) == pytest.approx(level.origin[-1] - level.origin[0])
+    assert 2.0 * np.pi * INTERVAL * (1.0 / periods).sum() == pytest.approx(0.4)
+    assert {int(move[4]) for move in moves} == {num_steps}
+    mesh = np.array(re.findall(r"vertex (\S+) (\S+) (\S+)", (tmp_path / "bucket.stl").read_text()))
+    distance = np.linalg.norm(mesh.astype(float) - turning.origin[0], axis=1)
+    assert distance.max() == pytest.approx(np.hypot(level.bucket.tip_radius, 0.6), abs=0.1)
 
 
 @pytest.mark.skipif(not is_installed(), reason="LIGGGHTS is not installed")

@@ -137,6 +137,18 @@ def test_soil_that_is_cut_from_a_rut_is_denser() -> None:
     assert soil.columns.rut_depth[30, 30] == 0.0
 
 
+def test_packed_soil_of_a_kind_that_does_not_shrink_any_more_regains_its_volume() -> None:
+    """As after a run was continued with other parameters."""
+    soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="loam", moisture=100))
+    soil.relaxation.is_enabled = False
+    press(soil, 40e3)
+    soil.columns.tables.shrinkage[:] = 0.0
+    volume = round(0.1 / soil.columns.metres_per_mm3)
+    packing = int(soil.columns.packing[30, 30])
+    assert remove_firm(soil.columns.arrays, 30 * 61 + 30, volume) == volume + packing
+    assert soil.columns.packing[30, 30] == 0
+
+
 def test_soil_that_falls_into_a_rut_makes_it_less_deep() -> None:
     soil = Soil(GRID, np.zeros(GRID.shape), SoilParams(soil="loam", moisture=100))
     soil.relaxation.is_enabled = False
