@@ -154,6 +154,7 @@ class SoilResistance:
         """Remove both wrenches until the next FORCE rows."""
         self.cut.reset()
         self.bearing.reset()
+        self._mean_push = [0.0, 0.0, 0.0]
 
     def step(
         self, pose: Pose, velocity: tuple[Vec3, Vec3], dt: float, push: Vec3 = (0.0, 0.0, 0.0)
