@@ -128,7 +128,7 @@ def test_volume_too_large_for_a_row_is_split() -> None:
     soil = Soil(grid, np.zeros(grid.shape))
     start = soil.total_mm3
     rows = soil.step(
-        0, bucket_sweep((2, 0, 0.1), (2, 0, -15.0), width=12.0), NO_DEPOSIT_REQUESTS
+        0, bucket_sweep((2, 0, 0.1), (2, 0, -4.0), width=12.0), NO_DEPOSIT_REQUESTS
     ).conversions
     assert (rows["volume_mm3"] == MAX_ROW_VOLUME).any()
     assert start - soil.total_mm3 == int(rows["volume_mm3"].astype(np.int64).sum())

@@ -124,6 +124,15 @@ def copy_with_change(
     writer.close()
 
 
+def first_ledger_after(bag: Path, tick: int) -> int:
+    """Return the number of the first ledger after a tick; one may be recorded more than once."""
+    messages = BagReader(bag).messages(["/soil/ledger"])
+    ledgers = [from_multi_array(message) for _, _, message in messages]
+    return next(
+        k for k, each in enumerate(ledgers) if isinstance(each, Ledger) and each.tick > tick
+    )
+
+
 def push_boom(message: JointState) -> None:
     message.velocity[message.name.index("boom")] += 0.5
 
@@ -184,12 +193,13 @@ def test_first_difference_names_tick_and_what_differs(ros: Ros, tmp_path: Path) 
 def test_recorder_that_was_stopped_within_a_tick(ros: Ros, tmp_path: Path) -> None:
     bag = record_dig(ros, tmp_path)
     (complete,) = replay(bag)
-    num_ticks = complete.last_tick + 1  # the recorder may have stopped within one more
-    copy_with_change(bag, tmp_path / "cut", "/soil/ledger", num_ticks - 2, None)
+    last = complete.last_tick
+    copy_with_change(bag, tmp_path / "cut", "/soil/ledger", first_ledger_after(bag, last - 2), None)
     (result,) = replay(tmp_path / "cut")
     assert result.is_identical, str(result.difference) + result.ended_early
     assert result.last_tick == complete.last_tick - 2
-    copy_with_change(bag, tmp_path / "lost", "/soil/ledger", num_ticks - 30, None)
+    lost = first_ledger_after(bag, last - 30)
+    copy_with_change(bag, tmp_path / "lost", "/soil/ledger", lost, None)
     (result,) = replay(tmp_path / "lost")
     assert result.num_missing_ledgers == 30
 
