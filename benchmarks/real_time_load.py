@@ -172,7 +172,9 @@ class DiggingNodes:
 
     Attributes:
         sim_time: simulation time of the newest state [s].
+        max_delay: largest time by which a tick began late, until it is set to 0 [ms].
         soil, machines: the processes.
+        node: node of the benchmark.
     """
 
     def __init__(
@@ -203,7 +205,8 @@ class DiggingNodes:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         self.sim_time = self._max_particles = 0.0
         self._values: dict[str, float] = {}
-        self._node = Node("real_time_load")
+        self.max_delay = 0.0
+        self.node = self._node = Node("real_time_load")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._store, 10)
@@ -282,6 +285,7 @@ class DiggingNodes:
                 self._values["tick"] = float(values["tick"])
                 self._values["sim_time"] = 0.01 * float(values["tick"])
                 self._values["late_ticks"] = float(values["late_ticks"])
+                self.max_delay = max(self.max_delay, float(values["max_delay_ms"]))
             elif "particles" in values:
                 self._max_particles = max(self._max_particles, float(values["particles"]))
 

@@ -28,7 +28,7 @@ from msg_bridge.contract.rows import (
 )
 from msg_bridge.exchange.soil_exchange import SoilExchange
 from msg_bridge.exchange.tick_input import TickInput
-from msg_bridge.exchange.welcome import Layers
+from msg_bridge.exchange.welcome import Layers, Welcome
 from soil_sim.soil import Soil, SoilStepResult
 from soil_sim.soil_inventory import SoilInventory
 from soil_sim.sweep_limits import SweepLimits
@@ -68,6 +68,7 @@ class SoilEndpoint:
         admit_others: bool = False,
         max_tool_displacement: float = math.inf,
         run_id: int = 1,
+        terrain_by_transport: bool = False,
     ) -> None:
         """
         Args:
@@ -77,12 +78,12 @@ class SoilEndpoint:
             max_tool_displacement: maximum displacement of a key point of a tool in a tick [m];
                 sweeps are then also checked for continuity. Infinite: they are not checked.
             run_id: id of this run.
+            terrain_by_transport: whether the transport sends terrain in its own way; it gets
+                `KeyframeDue` then.
         """
         self.soil = soil
         self.exchange = SoilExchange(
-            soil.grid,
-            self._elevation,
-            layers=self._layers,
+            Welcome(soil.grid, self._elevation, self._layers, by_transport=terrain_by_transport),
             expected=expected,
             admit_others=admit_others,
             run_id=run_id,

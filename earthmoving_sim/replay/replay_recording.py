@@ -37,9 +37,11 @@ from msg_bridge.contract.messages import (
 )
 from msg_bridge.contract.topics import MAP_FRAME, STREAM_TOPICS, resolve
 from msg_bridge.exchange.session_key import MAX_SESSION_ID
+from msg_bridge.raw_topics.map_from_tiles import min_map_period
 from msg_bridge.recorder.input_files import media_type
 from msg_bridge.recorder.recording import FORMAT_VERSION
 from soil_sim.endpoint import SoilTickResult
+from soil_sim.node.map_publication import MapPublishers
 from soil_sim.node.soil_publishers import SoilPublishers
 from soil_sim.slope_failure import surface_tilt
 
@@ -94,7 +96,9 @@ class ReplayRecording:
         tick = max(soil.endpoint.tick, 0)
         stamp = stamp_from_tick(tick, self._period)
         self._bag.time = _nanoseconds(stamp)
-        self._soil_publishers.begin(self._terrain(), soil.config(), stamp)
+        self._maps = MapPublishers(self._node)
+        self._soil_publishers.begin(soil.site.grid, soil.config(), stamp)
+        self._maps.publish(self._terrain(), stamp)
         self._publish_cut_fill(tick)
 
     def start_machines(
@@ -165,10 +169,11 @@ class ReplayRecording:
         self._soil_publishers.tick(done.ledger, stamp)
         soil = self._soil.soil
         if tick >= self._next_map_tick:
-            self._next_map_tick = tick + self._interval(self._params.map_rate)
+            period = min_map_period(soil.grid.rows * soil.grid.cols)
+            self._next_map_tick = tick + self._interval(min(self._params.map_rate, 1.0 / period))
             if soil.revision != self._map_revision:
                 self._map_revision = soil.revision
-                self._soil_publishers.terrain(self._terrain(), stamp)
+                self._maps.publish(self._terrain(), stamp)
                 self._publish_cut_fill(tick)
         if tick % self._interval(self._params.hash_rate) == 0:
             self._soil_publishers.state_hash(

@@ -68,7 +68,7 @@ class MachineTransport:
         self.maps = MapDecoder(
             lambda keyframe: self._receive(keyframe),
             reject,
-            topic=resolve(topics.TERRAIN_MAP, parent_namespace(node.get_namespace())),
+            simulation_namespace=parent_namespace(node.get_namespace()),
         )
         simulation = parent_namespace(node.get_namespace())
         self._tick = node.create_publisher(Int64MultiArray, topics.MACHINE_TICK, qos.ROWS)
@@ -120,10 +120,11 @@ class MachineTransport:
     def follow_maps(self, is_wanted: bool) -> None:
         """Begin to receive terrain maps, with the last one, or end that."""
         if is_wanted and not self._follows_maps:
-            profile = qos.TRANSIENT_LOCAL
-            self._poller.subscribe(PointCloud2, self.maps.topic, profile, self.maps.read)
+            self.maps.subscribe(self._poller)
         elif self._follows_maps and not is_wanted:
-            self._poller.unsubscribe(self.maps.topic)
+            self.maps.unsubscribe(self._poller)
+        elif is_wanted:
+            self.maps.check(self._poller)
         self._follows_maps = is_wanted
 
     def send(self, messages: Iterable[Message], stamp: Time) -> None:

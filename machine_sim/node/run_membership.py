@@ -16,6 +16,7 @@ import numpy as np
 from machine_sim.node.machine_run import MachineRun
 from msg_bridge.codec.run_config import RunFacts
 from msg_bridge.contract import topics
+from msg_bridge.contract.constants import MAX_MAP_CELLS
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.exchange.join_state import JoinState
@@ -31,9 +32,6 @@ _MAX_REJECTED_WELCOMES = 4
 
 _REJECTION_LOG_PERIOD = 5.0
 """Minimum wall time between two log lines on a rejection [s]."""
-
-_MAX_FOLLOWED_CELLS = 513 * 513
-"""Number of cells up to which a node receives all terrain maps."""
 
 
 class Logger(Protocol):
@@ -119,14 +117,14 @@ class RunMembership:
     def needs_maps(self, current: MachineRun | None) -> bool:
         """Return whether the node should receive terrain maps.
 
-        To receive a large one takes longer than a tick, so a node that takes part receives none.
+        To receive a large terrain takes longer than a tick, so a node that takes part does not.
 
         Args:
             current: the present run of the node.
         """
         if current is None or self.facts is None or self.keyframe is None:
             return True
-        is_large = self.keyframe.elevation.size > _MAX_FOLLOWED_CELLS
+        is_large = self.keyframe.elevation.size > MAX_MAP_CELLS
         return not is_large or current.needs_map(self.facts.run_id)
 
     def offer_keyframe(self, keyframe: Keyframe) -> bool:

@@ -37,29 +37,34 @@ _TWO = struct.Struct("<II")
 _FOUR = struct.Struct("<IIII")
 
 
-def rows_to_cdr(rows: Rows, frame_id: str, stamp: Time) -> bytes:
+def rows_to_cdr(rows: Rows, frame_id: str, stamp: Time, *, height: int = 1) -> bytes:
     """Serialise rows as the PointCloud2 of `to_point_cloud`.
 
     Args:
         rows: shape (n,), of a packed little-endian dtype.
         frame_id: coordinate frame of the positions among the fields.
         stamp: end of the tick that the rows belong to.
+        height: number of rows of an organised cloud, which `rows` fill in row-major order.
 
     Raises:
         CodecError: SHAPE or DTYPE.
     """
     if rows.ndim != 1:
         raise CodecError(f"rows have shape {rows.shape}; give one dimension", ErrorCode.SHAPE)
+    if height < 1 or rows.size % height:
+        raise CodecError(
+            f"{rows.size} rows do not fill a cloud of height {height}", ErrorCode.SHAPE
+        )
     layout = layout_of_dtype(rows.dtype)
-    size = rows.size * layout.step
+    size, width = rows.size * layout.step, rows.size // height
     return b"".join(
         (
             LITTLE_ENDIAN,
             STAMP.pack(stamp.sec, stamp.nanosec),
             _frame(frame_id),
-            _TWO.pack(1, rows.size),
+            _TWO.pack(height, width),
             layout.description,
-            _TWO.pack(size, size),
+            _TWO.pack(width * layout.step, size),
             np.ascontiguousarray(rows).tobytes(),
             b"\x01",
         )

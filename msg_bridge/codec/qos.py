@@ -6,7 +6,7 @@ profile. All publishers are reliable, so subscribers of any reliability match th
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-__all__ = ["COMMANDS", "ROWS", "SERVICES", "STATE", "TRANSIENT_LOCAL"]
+__all__ = ["COMMANDS", "ROWS", "SERVICES", "STATE", "TILES", "TRANSIENT_LOCAL"]
 
 
 def _keep_last(
@@ -25,6 +25,9 @@ def _keep_last(
 ROWS = _keep_last(256)
 """Rows, tick headers, requests, rejections, the ledger; transforms, one message per link at once.
 Keep-last, so that a slow subscriber cannot block a publisher; lost messages are requested again."""
+
+TILES = _keep_last(128)
+"""Tiles of large terrain, of 1 MB each; a round of which one was lost is followed by another."""
 
 TRANSIENT_LOCAL = _keep_last(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """State of which a late subscriber needs the latest message: terrain map, elevation, map info,

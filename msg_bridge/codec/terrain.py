@@ -28,9 +28,11 @@ from msg_bridge.contract.rows import Rows
 __all__ = [
     "TERRAIN_CELL",
     "TerrainMap",
+    "cells_of_terrain",
+    "cells_of_terrain_cloud",
     "from_terrain_cloud",
-    "keyframe_from_terrain_cloud",
-    "run_id_of_terrain_cloud",
+    "keyframe_of_cells",
+    "terrain_of_cells",
     "to_terrain_cloud",
 ]
 
@@ -116,6 +118,33 @@ def to_terrain_cloud(terrain: TerrainMap, frame_id: str, stamp: Time) -> PointCl
     Raises:
         CodecError: SHAPE; VALUE: a value outside the range of its field.
     """
+    _check_terrain(terrain)
+    grid = terrain.keyframe.grid
+    msg, points = allocate_point_cloud(
+        grid.rows * grid.cols, TERRAIN_CELL, frame_id, stamp, height=grid.rows
+    )
+    _write_cells(terrain, points.reshape(grid.shape))
+    return msg
+
+
+def cells_of_terrain(terrain: TerrainMap) -> Rows:
+    """Return the points of `to_terrain_cloud`, shape (rows, cols).
+
+    Raises:
+        CodecError: as `to_terrain_cloud`.
+    """
+    _check_terrain(terrain)
+    cells: Rows = np.empty(terrain.keyframe.grid.shape, dtype=TERRAIN_CELL)
+    _write_cells(terrain, cells)
+    return cells
+
+
+def _check_terrain(terrain: TerrainMap) -> None:
+    """Check that a terrain can be encoded.
+
+    Raises:
+        CodecError: SHAPE or VALUE.
+    """
     frame = terrain.keyframe
     grid, volume = frame.grid, terrain.volume_mm3
     for name, layer in (
@@ -152,10 +181,12 @@ def to_terrain_cloud(terrain: TerrainMap, frame_id: str, stamp: Time) -> PointCl
             f"columns hold {volume.min()} to {volume.max()} mm^3; give 0 to 2**53 - 1",
             ErrorCode.VALUE,
         )
-    msg, points = allocate_point_cloud(
-        grid.rows * grid.cols, TERRAIN_CELL, frame_id, stamp, height=grid.rows
-    )
-    cells = points.reshape(grid.shape)
+
+
+def _write_cells(terrain: TerrainMap, cells: Rows) -> None:
+    """Write a terrain into points, shape (rows, cols)."""
+    frame, volume = terrain.keyframe, terrain.volume_mm3
+    grid = frame.grid
     x, y = cell_positions(grid)
     # In bands that stay in the cache: each field is written to all cells of a band in turn.
     band_rows = max(1, _BAND_BYTES // (grid.cols * TERRAIN_CELL.itemsize))
@@ -173,7 +204,6 @@ def to_terrain_cloud(terrain: TerrainMap, frame_id: str, stamp: Time) -> PointCl
         band["rut_depth"] = terrain.rut_depth[rows]
         band["revision"] = frame.revision
         band["run_id"] = frame.run_id
-    return msg
 
 
 def from_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> TerrainMap:
@@ -189,8 +219,20 @@ def from_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> Terrai
         CodecError: GRID: not the points of a grid around the origin; VALUE; or as
             `from_point_cloud`.
     """
-    cells = _cells_from_cloud(msg)
-    keyframe = _keyframe_from_cells(cells, cell)
+    return terrain_of_cells(cells_of_terrain_cloud(msg), cell=cell)
+
+
+def terrain_of_cells(cells: Rows, *, cell: float | None = None) -> TerrainMap:
+    """Decode a terrain from the points of its cloud.
+
+    Args:
+        cells: TERRAIN_CELL points, shape (rows, cols).
+        cell: as of `from_terrain_cloud`.
+
+    Raises:
+        CodecError: GRID or VALUE, as `from_terrain_cloud`.
+    """
+    keyframe = keyframe_of_cells(cells, cell=cell)
     loose = cells["loose_depth"].astype(np.float64)
     # NaN fails every comparison.
     _check("loose_depth", (loose >= 0.0) & (loose < np.inf))
@@ -199,28 +241,7 @@ def from_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> Terrai
     return TerrainMap(keyframe, loose, _integer_layer(cells, "surface_material"), difference)
 
 
-def keyframe_from_terrain_cloud(msg: PointCloud2, *, cell: float | None = None) -> Keyframe:
-    """Decode only the keyframe of a terrain; the other fields are not checked.
-
-    Args:
-        msg, cell: as of `from_terrain_cloud`.
-
-    Raises:
-        CodecError: as `from_terrain_cloud`.
-    """
-    return _keyframe_from_cells(_cells_from_cloud(msg), cell)
-
-
-def run_id_of_terrain_cloud(msg: PointCloud2) -> int:
-    """Return the run id in the first point of a terrain, without decoding all of it.
-
-    Raises:
-        CodecError: as `from_point_cloud`.
-    """
-    return int(from_point_cloud(msg, TERRAIN_CELL)["run_id"][0])
-
-
-def _cells_from_cloud(msg: PointCloud2) -> Rows:
+def cells_of_terrain_cloud(msg: PointCloud2) -> Rows:
     """Return the points of a message, shape (rows, cols).
 
     Raises:
@@ -234,7 +255,15 @@ def _cells_from_cloud(msg: PointCloud2) -> Rows:
     return cells.reshape(msg.height, msg.width)
 
 
-def _keyframe_from_cells(cells: Rows, cell: float | None) -> Keyframe:
+def keyframe_of_cells(cells: Rows, *, cell: float | None = None) -> Keyframe:
+    """Decode only the keyframe of a terrain; the other fields are not checked.
+
+    Args:
+        cells, cell: as of `terrain_of_cells`.
+
+    Raises:
+        CodecError: as `terrain_of_cells`.
+    """
     grid = grid_of_cells(cells, cell)
     run_id, revision = (_constant(cells, name) for name in ("run_id", "revision"))
     elevation = cells["z"].astype(np.float64)

@@ -198,10 +198,24 @@ _MACHINE_NODE = (
 _TERRAIN = (
     Endpoint(
         topics.TERRAIN_MAP, _CLOUD, _SIM, (SOIL,), (MACHINE, OPERATOR, *_PAGES), "TRANSIENT_LOCAL",
-        "`map_rate`, at most 2 Hz, if changed; large terrains less often, and for new subscribers",
+        "`map_rate`, at most 2 Hz, if changed",
         "keyframe, organised (rows x cols): `x y z` [m], `loose_depth` [m], `surface_material`,"
         " `moisture` [%], `soil`, `design_difference` [m], `volume_mm3`, `rut_depth` [m],"
         " `revision`, `run_id`",
+        "the terrain has at most 513 x 513 columns; else bags have it, made by the recorder",
+    ),
+    Endpoint(
+        topics.TERRAIN_TILES, _CLOUD, _SIM, (SOIL,), (MACHINE, OPERATOR, *_PAGES), "TILES",
+        "all for a new subscriber, then at `map_rate`, at most 2 Hz, those that changed",
+        "part of a keyframe, organised: the fields of the map, `row`, `col`, `map_rows`,"
+        " `map_cols`, `base_revision`, `num_tiles`",
+        "the terrain has more than 513 x 513 columns",
+    ),
+    Endpoint(
+        topics.TERRAIN_VIEW, _CLOUD, _SIM, (SOIL,), (), "TRANSIENT_LOCAL",
+        "`map_rate`, at most 2 Hz, if changed and subscribed",
+        "part of the terrain with fewer columns, organised: `x y z` [m], `loose_depth` [m],"
+        " `surface_material`, `moisture` [%], `soil`, `design_difference` [m], `rut_depth` [m]",
     ),
     Endpoint(
         topics.TERRAIN_MAP_UPDATES, _CLOUD, _SIM, (SOIL,), (MACHINE, OPERATOR, *_PAGES), "ROWS",
@@ -210,6 +224,7 @@ _TERRAIN = (
     Endpoint(
         topics.TERRAIN_ELEVATION, "sensor_msgs/msg/Image", _SIM, (SOIL,), (), "TRANSIENT_LOCAL",
         "with the map", "32FC1: elevation [m] in grid_map matrix order",
+        "the terrain has at most 513 x 513 columns",
     ),
     Endpoint(
         topics.TERRAIN_INFO, "nav_msgs/msg/MapMetaData", _SIM, (SOIL,), (), "TRANSIENT_LOCAL",

@@ -289,4 +289,27 @@ class Keyframe:
                 object.__setattr__(self, name, np.zeros(self.grid.shape, dtype=kind))
 
 
-Message = MachineHeader | SoilHeader | RowChunk | RetransmitRequest | JoinRejected | Keyframe
+@dataclass(frozen=True)
+class KeyframeDue:
+    """The transport must send the terrain, for a machine that joins.
+
+    Instead of a `Keyframe`, where a transport sends terrain in its own way.
+
+    Attributes:
+        run_id: number of the run.
+        revision: smallest revision of the terrain that may be sent.
+    """
+
+    run_id: int
+    revision: int
+
+
+Message = (
+    MachineHeader
+    | SoilHeader
+    | RowChunk
+    | RetransmitRequest
+    | JoinRejected
+    | Keyframe
+    | KeyframeDue
+)

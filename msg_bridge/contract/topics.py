@@ -66,6 +66,8 @@ __all__ = [
     "TERRAIN_MAP",
     "TERRAIN_MAP_UPDATES",
     "TERRAIN_SURFACE_TILT",
+    "TERRAIN_TILES",
+    "TERRAIN_VIEW",
     "TF",
     "TRACK_VELOCITY_COMMANDS",
     "TRANSFORMS",
@@ -92,6 +94,10 @@ TERRAIN_ELEVATION: Final = "terrain/elevation"
 TERRAIN_INFO: Final = "terrain/info"
 TERRAIN_GRID_MAP: Final = "terrain/grid_map"
 TERRAIN_MAP_UPDATES: Final = "terrain/map_updates"
+TERRAIN_TILES: Final = "terrain/tiles"
+"""Parts of the map of a large terrain, which is not published as a whole."""
+TERRAIN_VIEW: Final = "terrain/view"
+"""The terrain with fewer columns, for display."""
 TERRAIN_SURFACE_TILT: Final = "terrain/surface_tilt"
 SOIL_TICK: Final = "soil/tick"
 """Headers of the soil, and its retransmit requests to machines."""

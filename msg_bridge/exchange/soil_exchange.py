@@ -13,13 +13,9 @@ without a late machine, whose part then belongs to a later tick: its receipt sta
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Iterable
 
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
-from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import (
     MachineHeader,
@@ -39,7 +35,7 @@ from msg_bridge.exchange.session_key import SessionKey
 from msg_bridge.exchange.soil_streams import SoilStreams
 from msg_bridge.exchange.stream_buffers import PIPELINE_DEPTH
 from msg_bridge.exchange.tick_input import TickInput
-from msg_bridge.exchange.welcome import Layers, Welcome
+from msg_bridge.exchange.welcome import Welcome
 
 __all__ = ["SoilExchange"]
 
@@ -56,19 +52,15 @@ class SoilExchange:
 
     def __init__(
         self,
-        grid: Grid,
-        elevation: Callable[[], NDArray[np.float64]],
+        welcome: Welcome,
         *,
-        layers: Callable[[], Layers] | None = None,
         expected: Iterable[int] = (1,),
         admit_others: bool = False,
         run_id: int = 1,
     ) -> None:
         """
         Args:
-            grid: the grid of the terrain.
-            elevation: returns the present elevation [m], shape (rows, cols).
-            layers: returns the present `Layers`; None: zeros.
+            welcome: what an admitted machine receives.
             expected: ids of the machines that must join before tick 1.
             admit_others: whether machines with other ids may join, too.
             run_id: number of the run.
@@ -77,7 +69,7 @@ class SoilExchange:
         self.tick = -1
         self.ledger: Ledger | None = None
         self.accounts = LedgerAccounts()
-        self._welcome = Welcome(grid, elevation, layers)
+        self._welcome = welcome
         self._expected = frozenset(expected)
         self._admission = JoinAdmission(run_id, None if admit_others else self._expected)
         self._machines = JoinedMachines()

@@ -97,6 +97,13 @@ class TerrainFollower:
             self._newest_keyframe = self._other_run_keyframe
         self._advance()
 
+    @property
+    def is_missing_rows(self) -> bool:
+        """Whether it cannot advance, because rows or headers are missing."""
+        return bool(self._headers) and (
+            self.max_tick is None or min(self._headers) <= self.max_tick
+        )
+
     def advance_to(self, max_tick: int | None) -> None:
         """Set the last tick to advance to (None: no limit), and advance as far as rows are here."""
         self.max_tick = max_tick
@@ -108,13 +115,9 @@ class TerrainFollower:
         Call it when there has been no progress for a while.
         """
         before = self.tick
-        if self.max_tick is not None and min(self._headers, default=0) > self.max_tick:
-            return False  # it waits at its last tick
-        if (
-            self._headers
-            and self._newest_keyframe is not None
-            and self._newest_keyframe.revision > self.revision
-        ):
+        if not self.is_missing_rows:
+            return False  # or it waits at its last tick
+        if self._newest_keyframe is not None and self._newest_keyframe.revision > self.revision:
             self._adopt_keyframe()
         self._advance()
         return self.tick != before

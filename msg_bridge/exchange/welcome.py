@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.messages import (
     Keyframe,
+    KeyframeDue,
     Message,
     RetransmitRequest,
     RowChunk,
@@ -34,16 +35,21 @@ class Welcome:
         grid: Grid,
         elevation: Callable[[], NDArray[np.float64]],
         layers: Callable[[], Layers] | None = None,
+        *,
+        by_transport: bool = False,
     ) -> None:
         """
         Args:
             grid: the grid of the terrain.
             elevation: returns the present elevation [m], shape (rows, cols).
             layers: returns the present `Layers`; None: zeros.
+            by_transport: whether the transport sends the terrain in its own way: it gets
+                `KeyframeDue` instead of a copy, which takes long for large terrain.
         """
         self._grid = grid
         self._elevation = elevation
         self._layers = layers
+        self._by_transport = by_transport
 
     def messages(self, header: SoilHeader, sessions: Iterable[MachineSession]) -> list[Message]:
         """Return one keyframe and the backlog of each session; none without sessions.
@@ -74,8 +80,10 @@ class Welcome:
         wanted = RowRange(request.first, request.count)
         return [*self._backlog(request.run_id, session, wanted)]
 
-    def _keyframe(self, header: SoilHeader) -> Keyframe:
-        """Return a copy of the present terrain, that of the latest header."""
+    def _keyframe(self, header: SoilHeader) -> Keyframe | KeyframeDue:
+        """Return a copy of the present terrain, that of the latest header, or that it is due."""
+        if self._by_transport:
+            return KeyframeDue(header.run_id, header.revision)
         layers = () if self._layers is None else self._layers()
         elevation = self._elevation().copy()
         return Keyframe(header.run_id, header.revision, self._grid, elevation, *layers)

@@ -10,6 +10,8 @@ from collections.abc import Iterable
 
 from rclpy.node import Node
 
+from msg_bridge.contract import topics
+
 __all__ = ["unmatched_topics"]
 
 
@@ -29,6 +31,8 @@ def unmatched_topics(node: Node, subscribers: Iterable[str]) -> list[str]:
         return missing
     for publisher in node.publishers:
         topic = publisher.topic_name
+        if topic.endswith(f"/{topics.TERRAIN_VIEW}"):
+            continue  # for display only
         infos = node.get_subscriptions_info_by_topic(topic)
         known = {info.node_name for info in infos}
         matched = publisher.get_subscription_count() >= len(infos)

@@ -13,6 +13,7 @@ from std_msgs.msg import Int64MultiArray
 
 from msg_bridge.codec import qos
 from msg_bridge.contract import topics
+from msg_bridge.contract.constants import MAX_MAP_CELLS
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import Message, Stream
@@ -59,7 +60,7 @@ class TerrainSubscriber:
         self.maps = MapDecoder(
             self.follower.receive,
             reject,
-            topic=resolve(topics.TERRAIN_MAP, simulation_namespace),
+            simulation_namespace=simulation_namespace,
             guess=True,
         )
         self._last_tick = -1
@@ -74,9 +75,8 @@ class TerrainSubscriber:
             resolve(STREAM_TOPICS[Stream.MAP_UPDATE], simulation_namespace),
             partial(decode_chunk, stream=Stream.MAP_UPDATE),
         )
-        poller.subscribe(
-            PointCloud2, self.maps.topic, qos.TRANSIENT_LOCAL, self.maps.read, triggers=False
-        )
+        self._poller, self._follows_maps = poller, True
+        self.maps.subscribe(poller, triggers=False)
         subscribe(PointCloud2, changes, qos.ROWS, rows, raw=True)
         subscribe(
             Int64MultiArray,
@@ -100,6 +100,22 @@ class TerrainSubscriber:
         self._last_tick = self.follower.tick
         if stalled and self.follower.resync():
             self._on_resync()
+        self._follow_maps(stalled and self.follower.is_missing_rows)
+
+    def _follow_maps(self, is_wanted: bool) -> None:
+        """Receive large terrain only while it is missing, or rows may be; small terrain always.
+
+        To receive a large one takes long, and a new subscriber is sent all of it.
+        """
+        grid = self.follower.grid
+        is_wanted = is_wanted or grid is None or grid.rows * grid.cols <= MAX_MAP_CELLS
+        if is_wanted and not self._follows_maps:
+            self.maps.subscribe(self._poller, triggers=False)
+        elif self._follows_maps and not is_wanted:
+            self.maps.unsubscribe(self._poller)
+        elif is_wanted:
+            self.maps.check(self._poller)
+        self._follows_maps = is_wanted
 
 
 def _decode_soil_message(data: bytes) -> Message:

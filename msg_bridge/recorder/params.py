@@ -7,6 +7,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from msg_bridge.bag.writer import CHUNK_SIZE, COMPRESSIONS
+from msg_bridge.contract import topics
 from msg_bridge.contract.parameters import Parameters, parameter
 from msg_bridge.raw_topics.topic_selection import is_topic_selected, validate_expression
 
@@ -111,5 +112,7 @@ class RecorderParams(Parameters):
         return Path("bags", datetime.now(timezone.utc).strftime("%Y-%m-%dT%H-%M-%SZ"))
 
     def is_selected(self, topic: str) -> bool:
-        """Return whether a topic is recorded."""
+        """Return whether a topic is recorded; views of the terrain only if `include` names them."""
+        if not self.include and topic.endswith(f"/{topics.TERRAIN_VIEW}"):
+            return False
         return is_topic_selected(topic, self.include, self.exclude)

@@ -18,6 +18,7 @@ from std_msgs.msg import String
 
 from msg_bridge.bag.bundled_types import GRID_MAP_TYPE, TF_TYPE
 from msg_bridge.bag.metadata import OfferedQos
+from msg_bridge.bag.terrain_deltas import CLOUD_TYPE
 from msg_bridge.bag.writer import BagWriter
 from msg_bridge.codec import qos
 from msg_bridge.codec.stamps import clock_time_ns
@@ -28,6 +29,7 @@ from msg_bridge.nodes.ros_parameters import declare_parameters
 from msg_bridge.nodes.wait_log import Wait, WaitLog
 from msg_bridge.raw_topics.graph_topics import GraphTopics
 from msg_bridge.raw_topics.grid_map_from_terrain import GRID_MAP_QOS, GridMapFromTerrain
+from msg_bridge.raw_topics.map_from_tiles import MAP_QOS, MapFromTiles, is_tiles_topic
 from msg_bridge.raw_topics.raw_subscriptions import (
     advertised_type_hash,
     all_transient_local,
@@ -83,9 +85,10 @@ class RecorderNode(Node):
         self._clock_topic = self.resolve_topic_name(topics.CLOCK)
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._graph_topics = GraphTopics(
-            self, self, is_selected=lambda topic: self._is_recorded(topic) or self._is_clock(topic)
+            self, self, is_selected=lambda topic: self._is_recorded(topic) or self._is_source(topic)
         )
         self._tf = TfFromTransforms(self._graph_topics)
+        self._maps = MapFromTiles()
         self._grid_map = GridMapFromTerrain(self._graph_topics, params.grid_map_period)
         self._stopped = False
         self._sim_time: int | None = None  # ns
@@ -171,7 +174,12 @@ class RecorderNode(Node):
         self.get_logger().warning(text)
 
     def _is_recorded(self, topic: str) -> bool:
-        return self._params.is_selected(topic)
+        """Return whether a topic is recorded; of tiles, the maps that are made from them."""
+        return self._params.is_selected(topic) and not is_tiles_topic(topic)
+
+    def _is_source(self, topic: str) -> bool:
+        """Return whether a topic is received but not recorded as it is."""
+        return self._is_clock(topic) or is_tiles_topic(topic)
 
     def _is_clock(self, topic: str) -> bool:
         """Return whether the topic is the source of simulation time."""
@@ -183,7 +191,10 @@ class RecorderNode(Node):
         """Write all queued messages; return their number."""
         messages = self._graph_topics.take()
         for message in messages:
-            self._write(message)
+            if not is_tiles_topic(message.topic):
+                self._write(message)
+        for message in self._maps.convert(messages):
+            self._write_made(message, CLOUD_TYPE, MAP_QOS)
         for message in self._tf.convert(messages) if self._params.make_tf else ():
             self._write_made(message, TF_TYPE, TF_QOS)
         for message in self._grid_map.convert(messages) if self._params.grid_map_period else ():
@@ -223,6 +234,9 @@ class RecorderNode(Node):
             return
         if message.topic not in self.recording.topics:
             self.recording.add_topic(message.topic, type_name, [offered], None)
+            if offered.durability == "transient_local":
+                made = frozenset([message.topic.encode()])
+                self.recording.update_publishers(message.topic, made, transient_local=True)
         self._write(message)
 
     def _write_messages_before_clock(self, log_time: int) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
 
 __all__ = ["SoilNodeParams"]
@@ -64,9 +65,19 @@ class SoilNodeParams(Parameters):
     paused: bool = parameter(False, "start paused")
     map_rate: float = parameter(
         2.0,
-        "maximum rate of terrain maps in simulated time, published if changed; above 513 x 513"
-        " cells lower with their number to the power 1.5, and published for each new subscriber",
+        "maximum rate of terrain maps, tiles and views in simulated time, published if changed",
         unit="Hz", low=1.0 / 3600.0, high=20.0,
+    )  # fmt: skip
+    view_region: tuple[float, ...] = parameter(
+        (),
+        "part of the terrain that /terrain/view shows: x and y of two opposite corners; empty: all",
+        unit="m", items=float, low=-1e6, high=1e6,
+    )  # fmt: skip
+    view_decimation: int = parameter(
+        0,
+        "every how many-th row and column of the terrain /terrain/view shows; 0: so many that it"
+        " has at most 257 of either",
+        low=0, high=10_000,
     )  # fmt: skip
     hash_rate: float = parameter(
         1.0, "rate of state hashes in simulated time", unit="Hz", low=1.0 / 3600.0, high=1000.0
@@ -74,3 +85,11 @@ class SoilNodeParams(Parameters):
     save_path: str = parameter(
         "out/terrain.npz", "file that /soil/save writes: .npy, .npz, .png, .asc or .tif"
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.view_region) not in (0, 4):
+            raise ParameterError(
+                f"view_region has {len(self.view_region)} numbers; give x and y of two opposite"
+                " corners, or none"
+            )

@@ -99,6 +99,7 @@ class SoilDiagnostics:
             "tick_load_max": f"{load.maximum:.3f}",
             "late_ticks": run.scheduler.num_late_ticks,
             "new_late_ticks": num_late,
+            "max_delay_ms": f"{1e3 * run.scheduler.take_max_delay():.1f}",
             "late_ticks_by_machine": _format_counts(run.num_late_ticks_by_machine),
             "lost_time_s": f"{run.scheduler.lost_time:.2f}",
         }

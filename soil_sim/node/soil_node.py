@@ -19,7 +19,7 @@ from msg_bridge.codec.state_hash import StateHash
 from msg_bridge.codec.terrain import TERRAIN_CELL
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
-from msg_bridge.contract.messages import Keyframe, Message
+from msg_bridge.contract.messages import Message
 from msg_bridge.kernels import log_compilation, warn_of_compilation
 from msg_bridge.nodes.diagnostics import Diagnostics
 from msg_bridge.nodes.duplicate_node import check_no_other_node
@@ -62,7 +62,9 @@ _RETRANSMIT_PERIOD = 0.25
 _DISCOVERY_TIME = 0.5
 """Wall time from the start in which the process looks for another soil node [s]."""
 
-_CHANGEABLE = ("machine_timeout", "map_rate", "hash_rate", "save_path")
+_CHANGEABLE = (
+    *("machine_timeout", "map_rate", "view_region", "view_decimation", "hash_rate", "save_path"),
+)
 """Parameters that may be set while the node runs."""
 
 
@@ -121,7 +123,7 @@ class SoilNode(SimNode):
             self,
             self._poller,
             self._receive,
-            self._send_keyframe,
+            self._send_terrain,
             self.diagnostics.reject,
             self._params.exchange_key_file,
         )
@@ -130,7 +132,7 @@ class SoilNode(SimNode):
         self.membership_log = MembershipLog(
             self.get_logger(), self.diagnostics, self._transport.machines
         )
-        self._terrain = TerrainPublication(self._soil_publishers, self.run)
+        self._terrain = TerrainPublication(self, self._soil_publishers, self.run)
         self._last_tick_time = time.monotonic()
         self.publish_run_start(is_continued=self._is_continued)
         if self._params.sync == "realtime":
@@ -151,7 +153,14 @@ class SoilNode(SimNode):
             found = self._recovery.found
             run_id = max(int(time.time()), 0 if found is None else found.begin.run_id + 1)
         journal = SoilJournal(self._recovery.journal)
-        return SoilRun(self._site, self._soil_params, self._params, run_id=run_id, journal=journal)
+        return SoilRun(
+            self._site,
+            self._soil_params,
+            self._params,
+            run_id=run_id,
+            journal=journal,
+            terrain_by_transport=True,
+        )
 
     def _continued_run(self, saved: SavedRun) -> SoilRun:
         """Return a saved run as it was when its process ended, or a new one if that fails."""
@@ -247,7 +256,7 @@ class SoilNode(SimNode):
         self._soil_publishers.tick(done.ledger, stamp)
         exchange = self.run.endpoint.exchange
         self.membership_log.update(exchange.joined, tick, exchange.accounts.ended_volumes)
-        self._terrain.update(tick, stamp)
+        self._terrain.update(tick, done.step.map_updates, stamp)
         if tick % max(1, round(1.0 / (self._params.hash_rate * self._params.tick_period))) == 0:
             self._publish_state_hash()
         for reason in done.step.rejected_tools:
@@ -284,16 +293,19 @@ class SoilNode(SimNode):
                 f" {grid.cell:g} m, {self._params.sync}"
             )
             self.run.journal.begin(exchange.run_id, config)
-        self._terrain.begin(config, self._stamp())
+        self._soil_publishers.begin(grid, config, self._stamp())
+        self._terrain.begin(self._stamp())
         self.publish_paused()
 
     def publish_paused(self) -> None:
         """Publish whether time stands still."""
         self._soil_publishers.paused(self.run.paused)
 
-    def _send_keyframe(self, keyframe: Keyframe) -> None:
-        self._terrain.send_keyframe(keyframe, self._stamp())
-        num_bytes = keyframe.elevation.size * TERRAIN_CELL.itemsize
+    def _send_terrain(self) -> None:
+        """Publish the terrain for a machine that joins."""
+        self._terrain.send_all(self._stamp())
+        grid = self.run.endpoint.soil.grid
+        num_bytes = grid.rows * grid.cols * TERRAIN_CELL.itemsize
         self.run.expect_keyframe(time.monotonic(), num_bytes)
 
     # Missing messages and silent machines.

@@ -1,4 +1,4 @@
-"""Publishers of the soil node: time, terrain, ledger, configuration, cut and fill."""
+"""Publishers of the soil node: time, ledger, configuration, grid, cut and fill."""
 
 from __future__ import annotations
 
@@ -8,17 +8,16 @@ from nav_msgs.msg import MapMetaData
 from numpy.typing import NDArray
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import Image
 from std_msgs.msg import Bool, Float64MultiArray, Int64MultiArray, String
 
 from msg_bridge.codec import qos
 from msg_bridge.codec.cut_fill import CutFillState, to_cut_fill_array
-from msg_bridge.codec.grid_map import grid_map_type, to_grid_map
 from msg_bridge.codec.state_hash import StateHash, to_state_hash_string
-from msg_bridge.codec.terrain import TerrainMap, to_terrain_cloud
-from msg_bridge.codec.terrain_images import to_elevation_image, to_map_info, to_tilt_image
+from msg_bridge.codec.terrain_images import to_map_info, to_tilt_image
 from msg_bridge.codec.tick_headers import message_to_cdr, with_stamp
 from msg_bridge.contract import topics
+from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.topics import MAP_FRAME
 
@@ -47,15 +46,7 @@ class SoilPublishers:
         self._clock = node.create_publisher(Clock, topics.CLOCK, qos.STATE)
         self._ledger = node.create_publisher(Int64MultiArray, topics.SOIL_LEDGER, qos.ROWS)
         self._hash = node.create_publisher(String, topics.SOIL_STATE_HASH, qos.STATE)
-        self._map = node.create_publisher(PointCloud2, topics.TERRAIN_MAP, qos.TRANSIENT_LOCAL)
-        self._elevation = node.create_publisher(
-            Image, topics.TERRAIN_ELEVATION, qos.TRANSIENT_LOCAL
-        )
         self._info = node.create_publisher(MapMetaData, topics.TERRAIN_INFO, qos.TRANSIENT_LOCAL)
-        kind = grid_map_type()
-        self._grid_map = kind and node.create_publisher(
-            kind, topics.TERRAIN_GRID_MAP, qos.TRANSIENT_LOCAL
-        )
         self._cut_fill = (
             node.create_publisher(Float64MultiArray, topics.SOIL_CUT_FILL, qos.TRANSIENT_LOCAL)
             if design
@@ -69,30 +60,17 @@ class SoilPublishers:
         self._clock.publish(Clock(clock=stamp))
         self._ledger.publish(message_to_cdr(with_stamp(ledger, stamp)))
 
-    def terrain(self, terrain: TerrainMap, stamp: Time) -> None:
-        """Publish the terrain with all layers."""
-        self._map.publish(to_terrain_cloud(terrain, MAP_FRAME, stamp))
-        self._elevation.publish(to_elevation_image(terrain.keyframe, MAP_FRAME, stamp))
-        if self._grid_map is not None:
-            self._grid_map.publish(to_grid_map(terrain, MAP_FRAME, stamp))
-
-    @property
-    def num_map_subscriptions(self) -> int:
-        """Number of subscriptions to the terrain map."""
-        return int(self._map.get_subscription_count())
-
     def cut_fill(self, state: CutFillState) -> None:
         """Publish the remaining volumes to cut and to fill, if the site has a design."""
         if self._cut_fill is not None:
             self._cut_fill.publish(to_cut_fill_array(state))
 
-    def begin(self, terrain: TerrainMap, config: str, stamp: Time) -> None:
-        """Publish the configuration [YAML] of a run, then its initial terrain."""
+    def begin(self, grid: Grid, config: str, stamp: Time) -> None:
+        """Publish the configuration [YAML] of a run, and the grid of its terrain."""
         self._config.publish(String(data=config))
-        self._info.publish(to_map_info(terrain.keyframe.grid, stamp))
+        self._info.publish(to_map_info(grid, stamp))
         if self._surface_tilt is not None and self._tilt is not None:
             self._surface_tilt.publish(to_tilt_image(self._tilt, MAP_FRAME, stamp))
-        self.terrain(terrain, stamp)
 
     def state_hash(self, state_hash: StateHash) -> None:
         """Publish the hash of the terrain after a tick."""

@@ -69,6 +69,7 @@ class SoilRun:
         *,
         run_id: int,
         journal: SoilJournal | None = None,
+        terrain_by_transport: bool = False,
     ) -> None:
         """
         Args:
@@ -77,6 +78,7 @@ class SoilRun:
             params: parameters of the tick.
             run_id: id of the first run; `reset` increments it.
             journal: where the inputs of the runs are recorded.
+            terrain_by_transport: as for `SoilEndpoint`.
 
         Raises:
             EarthmovingError: soils, layers or design are invalid.
@@ -84,6 +86,7 @@ class SoilRun:
         self.journal = journal or SoilJournal(None)
         self._site = site
         self._soil_params = soil_params
+        self._terrain_by_transport = terrain_by_transport
         self.params = params
         self.scheduler = TickScheduler(params.tick_period)
         self.paused = params.paused
@@ -276,6 +279,7 @@ class SoilRun:
             admit_others=self.params.admit_other_machines,
             max_tool_displacement=self.params.max_tool_speed * self.params.tick_period,
             run_id=run_id,
+            terrain_by_transport=self._terrain_by_transport,
         )
         self._contention = Contention()
         self._requested_tick = 0

@@ -22,6 +22,7 @@ from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import (
     JoinRejected,
     Keyframe,
+    KeyframeDue,
     MachineHeader,
     Message,
     RetransmitRequest,
@@ -61,7 +62,7 @@ class SoilTransport:
         node: Node,
         poller: SubscriptionPoller,
         receive: Callable[[Message], bool],
-        send_keyframe: Callable[[Keyframe], None],
+        send_terrain: Callable[[], None],
         reject: Callable[[str, str], None],
         exchange_key_file: str = "",
     ) -> None:
@@ -71,7 +72,7 @@ class SoilTransport:
             poller: poller of the node, for messages of machines.
             receive: called with each message; returns whether its machine can have sent it now,
                 see `SoilExchange.receive`; may raise ExchangeError.
-            send_keyframe: publishes the terrain with all its layers.
+            send_terrain: publishes the present terrain.
             reject: called with topic and reason of a message that cannot be used.
             exchange_key_file: file of the key that authenticates all messages but the terrain;
                 empty: they are not authenticated.
@@ -83,7 +84,7 @@ class SoilTransport:
         self.last_message_times: dict[int, float] = {}
         self._node, self._poller = node, poller
         self._receive = receive
-        self._send_keyframe = send_keyframe
+        self._send_terrain = send_terrain
         self._reject = reject
         self._key = ExchangeKey.read(exchange_key_file)
         self._backlog_publishers: dict[str, Publisher] = {}  # by namespace
@@ -108,8 +109,8 @@ class SoilTransport:
                 publisher = self._rows_publisher(message)
                 if publisher is not None:
                     publisher.publish(chunk_to_cdr(message, MAP_FRAME, stamp, self._key))
-            elif isinstance(message, Keyframe):
-                self._send_keyframe(message)
+            elif isinstance(message, (Keyframe, KeyframeDue)):
+                self._send_terrain()
             elif isinstance(message, JoinRejected):
                 self._rejections.publish(to_join_rejected_string(message, self._key))
             else:

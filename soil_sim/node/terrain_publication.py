@@ -1,102 +1,100 @@
-"""When the terrain is published: at the begin of a run, and if it has changed, at a rate.
+"""What is published of the terrain, and when.
 
-The map of a large terrain is a large message, which takes longer to build and to send than a tick.
-It is published less often, and again when there is a new subscriber, which needs a map that is
-newer than its first map update.
+Terrain of up to MAX_MAP_CELLS columns is published as one map, which every tool understands. The
+map of a larger one would take longer to build and to send than a tick: it is published as tiles.
+A view for display, and the volumes of a design, are published of both.
 """
 
 from __future__ import annotations
 
 from builtin_interfaces.msg import Time
+from rclpy.node import Node
 
 from msg_bridge.codec.cut_fill import CutFillState
 from msg_bridge.codec.terrain import TerrainMap
+from msg_bridge.contract.constants import MAX_MAP_CELLS
 from msg_bridge.contract.messages import Keyframe
+from msg_bridge.contract.rows import Rows
+from soil_sim.node.map_publication import MapPublication
 from soil_sim.node.soil_publishers import SoilPublishers
 from soil_sim.node.soil_run import SoilRun
+from soil_sim.node.tile_publication import TilePublication
+from soil_sim.node.view_publication import ViewPublication
 
 __all__ = ["TerrainPublication"]
-
-_MAX_CELLS_AT_FULL_RATE = 513 * 513
-"""Number of cells above which terrain maps are published less often."""
-
-_RATE_EXPONENT = 1.5
-"""Exponent of the number of cells by which the rate decreases above that."""
 
 
 class TerrainPublication:
     """Publishes the terrain of a run with all its layers."""
 
-    def __init__(self, publishers: SoilPublishers, run: SoilRun) -> None:
+    def __init__(self, node: Node, publishers: SoilPublishers, run: SoilRun) -> None:
         """
         Args:
-            publishers: publishers of the node.
+            node: the soil node.
+            publishers: its publishers of other topics.
             run: the run of the soil, which a reset begins again.
         """
         self._publishers, self._run = publishers, run
-        self._next_tick = self._revision = 0
-        self._num_subscriptions = 0
+        grid = run.endpoint.soil.grid
+        is_large = grid.rows * grid.cols > MAX_MAP_CELLS
+        self._surface = (TilePublication if is_large else MapPublication)(node, run, self._terrain)
+        self._view = ViewPublication(node, run)
+        self._next_tick, self._revision = 0, -1  # of the volumes of the design
 
-    def begin(self, config: str, stamp: Time) -> None:
-        """Publish the configuration [YAML] of a run and its present terrain."""
-        self._next_tick = 0
-        self._revision = self._run.endpoint.soil.revision
-        self._publishers.begin(self._terrain(), config, stamp)
+    def begin(self, stamp: Time) -> None:
+        """Publish the terrain with which a run begins, or continues."""
+        self._next_tick, self._revision = 0, self._run.endpoint.soil.revision
+        self._surface.begin(stamp)
+        self._view.begin(stamp)
         self._publish_cut_fill()
 
-    def update(self, tick: int, stamp: Time) -> None:
-        """Publish the terrain after a tick, if it is due."""
+    def update(self, tick: int, map_updates: Rows, stamp: Time) -> None:
+        """Publish the terrain after a tick, if it is due.
+
+        Args:
+            tick: number of the tick.
+            map_updates: its MAP_UPDATE rows.
+            stamp: its end.
+        """
+        self._surface.update(tick, map_updates, stamp)
+        self._view.update(tick, stamp)
         if tick >= self._next_tick:
-            self._next_tick = tick + self._interval_in_ticks
-            self.publish_if_changed(stamp)
+            params = self._run.params
+            self._next_tick = tick + max(1, round(1.0 / (params.map_rate * params.tick_period)))
+            self._publish_cut_fill_if_changed()
 
     def update_for_new_subscribers(self, stamp: Time) -> None:
-        """Publish a terrain that is rarely published, if there is a new subscriber to it."""
-        before, now = self._num_subscriptions, self._publishers.num_map_subscriptions
-        self._num_subscriptions = now
-        if now > before and self._size_ratio > 1.0:
-            self.publish_if_changed(stamp)
+        """Publish what a new subscriber does not receive otherwise."""
+        self._surface.update_for_new_subscribers(stamp)
+        self._view.publish_if_changed(stamp)
 
     def publish_if_changed(self, stamp: Time) -> None:
         """Publish the terrain if it has changed since it was published."""
+        self._surface.publish_if_changed(stamp)
+        self._view.publish_if_changed(stamp)
+        self._publish_cut_fill_if_changed()
+
+    def send_all(self, stamp: Time) -> None:
+        """Publish all of the present terrain, for a machine that joins."""
+        self._surface.send_all(stamp)
+
+    def _publish_cut_fill_if_changed(self) -> None:
         revision = self._run.endpoint.soil.revision
         if revision != self._revision:
             self._revision = revision
-            self._publishers.terrain(self._terrain(), stamp)
             self._publish_cut_fill()
-
-    def send_keyframe(self, keyframe: Keyframe, stamp: Time) -> None:
-        """Publish the present terrain for a machine that joins."""
-        self._publishers.terrain(self._with_layers(keyframe), stamp)
-
-    @property
-    def _interval_in_ticks(self) -> int:
-        """Minimum number of ticks between two maps; more for large terrains."""
-        params = self._run.params
-        rate = params.map_rate / max(1.0, self._size_ratio) ** _RATE_EXPONENT
-        return max(1, int(round(1.0 / (rate * params.tick_period))))
-
-    @property
-    def _size_ratio(self) -> float:
-        """Number of cells over that of the largest terrain that is published at the full rate."""
-        grid = self._run.endpoint.soil.grid
-        return grid.rows * grid.cols / _MAX_CELLS_AT_FULL_RATE
 
     def _publish_cut_fill(self) -> None:
         now = self._run.cut_fill
         if now is not None:
             seconds = max(self._run.tick, 0) * self._run.params.tick_period
-            self._publishers.cut_fill(
-                CutFillState(seconds, now.cut, now.fill, now.remaining, now.within_tolerance)
-            )
+            volumes = (now.cut, now.fill, now.remaining, now.within_tolerance)
+            self._publishers.cut_fill(CutFillState(seconds, *volumes))
 
     def _terrain(self) -> TerrainMap:
+        """Return the present terrain with all layers."""
         soil, run_id = self._run.endpoint.soil, self._run.endpoint.exchange.run_id
-        surface = (soil.grid, soil.columns.height, *soil.layers)
-        return self._with_layers(Keyframe(run_id, soil.revision, *surface))
-
-    def _with_layers(self, keyframe: Keyframe) -> TerrainMap:
-        """Add the layers of the columns, which have not changed since the keyframe was made."""
-        columns, cut_fill = self._run.endpoint.soil.columns, self._run.cut_fill
+        columns, cut_fill = soil.columns, self._run.cut_fill
+        keyframe = Keyframe(run_id, soil.revision, soil.grid, columns.height, *soil.layers)
         layers = {} if cut_fill is None else {"design_difference": cut_fill.difference}
         return TerrainMap(keyframe, columns.loose_depth, columns.material, **layers)

@@ -44,6 +44,7 @@ class TickScheduler:
         self.num_starts = 0
         self.num_late_ticks = 0
         self.lost_time = 0.0
+        self._max_delay = 0.0
 
     def stop(self) -> None:
         """Discard the schedule; the next call of the timer starts a new one."""
@@ -87,6 +88,12 @@ class TickScheduler:
         assert self._start_time is not None, "no tick was due"
         self._num_done += 1
         delay = now - (self._start_time + self._num_done * self._period)
+        self._max_delay = max(self._max_delay, delay)
         is_late = delay > LATE_FRACTION * self._period
         self.num_late_ticks += is_late
         return is_late
+
+    def take_max_delay(self) -> float:
+        """Return the largest delay of a tick after its time since the last call [s]."""
+        delay, self._max_delay = self._max_delay, 0.0
+        return delay

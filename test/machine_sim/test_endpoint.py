@@ -16,6 +16,7 @@ from msg_bridge.contract.messages import Keyframe, MachineHeader, RowChunk, Stre
 from msg_bridge.contract.rows import CONVERSION, FORCE, MAP_UPDATE, ConversionKind, empty_rows
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from msg_bridge.exchange.soil_exchange import SoilExchange
+from msg_bridge.exchange.welcome import Welcome
 
 
 class FakeSoil:
@@ -24,7 +25,7 @@ class FakeSoil:
     def __init__(self, side: MachineEndpoint) -> None:
         self.side = side
         self.height = 0.0
-        self.exchange = SoilExchange(GRID, lambda: np.full(GRID.shape, self.height))
+        self.exchange = SoilExchange(Welcome(GRID, lambda: np.full(GRID.shape, self.height)))
         self.messages: list[object] = []
 
     @property

@@ -27,6 +27,7 @@ from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from msg_bridge.exchange.soil_exchange import SoilExchange
 from msg_bridge.exchange.tick_input import TickInput
+from msg_bridge.exchange.welcome import Welcome
 from msg_bridge.testing import LossyTransport
 
 GRID = Grid(4, 4, 1.0)
@@ -47,7 +48,7 @@ class FakeSoil:
         self.rows_seen: list[tuple[int, int]] = []
         self.sweeps_seen: list[tuple[int, int]] = []
         self.exchange = SoilExchange(
-            GRID, lambda: np.zeros(GRID.shape), expected=expected, admit_others=True
+            Welcome(GRID, lambda: np.zeros(GRID.shape)), expected=expected, admit_others=True
         )
         self.ledgers: list[Ledger] = []
         self.releasing: list[int] = []

@@ -38,6 +38,7 @@ from msg_bridge.contract.rows import (
 from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from msg_bridge.exchange.soil_exchange import SoilExchange
+from msg_bridge.exchange.welcome import Welcome
 from soil_sim.soil import Soil
 from support.machine_scenes import excavator, level_soil
 from support.recorded_messages import PERIOD, TOPICS, Recording, machine_topic
@@ -135,9 +136,7 @@ class RecordedRun:
         self.soil = soil
         self.simulated_machines = dict(simulated_machines)
         self.soil_endpoint = SoilExchange(
-            soil.grid,
-            lambda: soil.columns.height,
-            layers=lambda: soil.layers,
+            Welcome(soil.grid, lambda: soil.columns.height, lambda: soil.layers),
             expected=self.simulated_machines,
             run_id=run_id,
         )

@@ -19,7 +19,7 @@ from machine_sim.machine.description import description_text
 from machine_sim.node.machine_node import MachineNode
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.qos import TRANSIENT_LOCAL
-from msg_bridge.codec.terrain import keyframe_from_terrain_cloud
+from msg_bridge.codec.terrain import cells_of_terrain_cloud, keyframe_of_cells
 from msg_bridge.config_files import find_config
 from msg_bridge.testing.ros_context import Ros
 from soil_sim.node.soil_node import SoilNode
@@ -106,7 +106,7 @@ def test_machine_moves_while_a_key_is_held_and_digs_what_is_shown(
 
     def is_equal() -> bool:
         shown = client.heights()
-        expected = keyframe_from_terrain_cloud(maps[-1], cell=0.4).elevation
+        expected = keyframe_of_cells(cells_of_terrain_cloud(maps[-1]), cell=0.4).elevation
         return bool(np.array_equal(shown, expected.astype(np.float32)))
 
     ros.spin_until(lambda: client.num_tiles == 25 and is_equal())

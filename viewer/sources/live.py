@@ -109,6 +109,7 @@ class LiveSource:
             raw=True,
         )
         add(PointCloud2, topics.TERRAIN_MAP, qos.TRANSIENT_LOCAL, writer.on_map)
+        add(PointCloud2, topics.TERRAIN_TILES, qos.TILES, writer.on_tile, raw=True)
         add(
             Int64MultiArray,
             topics.SOIL_LEDGER,

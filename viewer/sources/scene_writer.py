@@ -18,12 +18,13 @@ from msg_bridge.codec.json_object import parse_json_object
 from msg_bridge.codec.labelled_array import array_label
 from msg_bridge.codec.machine_state import from_cylinder_array, from_payload_array
 from msg_bridge.codec.particles import from_particle_cloud
-from msg_bridge.codec.point_cloud import from_point_cloud
 from msg_bridge.codec.poses import from_odometry
 from msg_bridge.codec.run_config import parse_run_facts, parse_section, soil_kinds
 from msg_bridge.codec.stamps import seconds_from_stamp
 from msg_bridge.codec.status_levels import level_name
-from msg_bridge.codec.terrain import TERRAIN_CELL, from_terrain_cloud
+from msg_bridge.codec.terrain import cells_of_terrain_cloud, terrain_of_cells
+from msg_bridge.codec.terrain_tiles import tile_from_cdr
+from msg_bridge.codec.tile_assembly import TileAssembly
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.ledger import Ledger
@@ -67,7 +68,8 @@ class SceneWriter:
         self._cell: float | None = None
         self._config_text = ""
         self._machine_configs: dict[str, str] = {}
-        self._pending_map: PointCloud2 | None = None  # until its cell size is known
+        self._pending_map: Rows | None = None  # points, until their cell size is known
+        self._tiles = TileAssembly()
 
     # The simulation.
 
@@ -85,7 +87,7 @@ class SceneWriter:
             self.scene.start_run(facts.run_id)
             self.scene.set_soils(tuple(SoilColor(kind.name, kind.colour) for kind in kinds))
         if self._pending_map is not None:
-            self.on_map(self._pending_map)
+            self._on_cells(self._pending_map)
 
     def discard_config(self) -> None:
         """Return to the state before any configuration."""
@@ -95,10 +97,16 @@ class SceneWriter:
 
     def on_map(self, msg: PointCloud2) -> None:
         """Process a map, if it is needed."""
-        points = from_point_cloud(msg, TERRAIN_CELL)
-        if points.size == 0:
-            raise CodecError("the map has no cells", ErrorCode.GRID)
-        run_id, revision = int(points["run_id"][0]), int(points["revision"][0])
+        self._on_cells(cells_of_terrain_cloud(msg))
+
+    def on_tile(self, data: bytes) -> None:
+        """Process a serialised tile of a large terrain."""
+        if self._tiles.add(tile_from_cdr(data)) and self._tiles.cells is not None:
+            self._on_cells(self._tiles.cells)
+
+    def _on_cells(self, cells: Rows) -> None:
+        """Process the points of a map, if it is needed."""
+        run_id, revision = int(cells["run_id"][0, 0]), int(cells["revision"][0, 0])
         with self.scene.lock:
             is_needed = self.scene.terrain.is_needed(run_id, revision)
             if not is_needed:
@@ -106,11 +114,11 @@ class SceneWriter:
         if not is_needed:
             return
         try:
-            surface = self.decode_map(msg)
+            surface = self._surface(cells)
         except CodecError as error:
             # A soil node with another cell size has started; its configuration follows.
             if error.code is ErrorCode.GRID and run_id != self.scene.run_id:
-                self._pending_map = msg
+                self._pending_map = cells
                 return
             raise
         self._pending_map = None
@@ -127,7 +135,15 @@ class SceneWriter:
         Raises:
             CodecError: as `from_terrain_cloud`.
         """
-        found = from_terrain_cloud(msg, cell=self._cell)
+        return self._surface(cells_of_terrain_cloud(msg))
+
+    def _surface(self, cells: Rows) -> SurfaceMap:
+        """Return the surface in the points of a map.
+
+        Raises:
+            CodecError: as `terrain_of_cells`.
+        """
+        found = terrain_of_cells(cells, cell=self._cell)
         keyframe, difference = found.keyframe, found.design_difference
         height = keyframe.elevation.astype(np.float32)
         layers = SurfaceLayers(height, found.loose_depth, found.soil, found.moisture)

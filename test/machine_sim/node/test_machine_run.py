@@ -23,6 +23,7 @@ from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.contract.rows import CONVERSION, FORCE, MAP_UPDATE, empty_rows
 from msg_bridge.exchange.soil_exchange import SoilExchange
+from msg_bridge.exchange.welcome import Welcome
 
 RUN_ID = 4
 KEYFRAME = Keyframe(RUN_ID, 0, GRID, np.zeros(GRID.shape))
@@ -73,7 +74,7 @@ class Soil:
 
     def __init__(self, run: MachineRun) -> None:
         self.run = run
-        self.exchange = SoilExchange(GRID, lambda: np.zeros(GRID.shape), run_id=RUN_ID)
+        self.exchange = SoilExchange(Welcome(GRID, lambda: np.zeros(GRID.shape)), run_id=RUN_ID)
         run.endpoint.join()
         self.answer()
 

@@ -18,8 +18,9 @@ from msg_bridge.codec.point_cloud import from_point_cloud, to_point_cloud
 from msg_bridge.codec.terrain import (
     TERRAIN_CELL,
     TerrainMap,
+    cells_of_terrain_cloud,
     from_terrain_cloud,
-    keyframe_from_terrain_cloud,
+    keyframe_of_cells,
     to_terrain_cloud,
 )
 from msg_bridge.contract.errors import ErrorCode
@@ -109,7 +110,9 @@ def test_default_layers_are_zeros_without_a_design() -> None:
 @pytest.mark.parametrize("cell", [None, 0.2])
 def test_keyframe_alone_is_that_of_the_complete_terrain(cell: float | None) -> None:
     site = terrain()
-    alone = keyframe_from_terrain_cloud(to_terrain_cloud(site, "map", STAMP), cell=cell)
+    alone = keyframe_of_cells(
+        cells_of_terrain_cloud(to_terrain_cloud(site, "map", STAMP)), cell=cell
+    )
     assert same(TerrainMap(alone, *layers_of(site)), site)
 
 

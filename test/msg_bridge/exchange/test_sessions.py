@@ -18,6 +18,7 @@ from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, empty_rows
 from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from msg_bridge.exchange.soil_exchange import SoilExchange
+from msg_bridge.exchange.welcome import Welcome
 
 GOOD: dict[str, float] = {}
 BAD = {"drop": 0.2, "duplicate": 0.2, "delay": 0.4}
@@ -276,7 +277,7 @@ def test_joining_in_a_session_that_is_over_is_rejected() -> None:
 
 
 def test_only_expected_machines_are_admitted_by_default() -> None:
-    soil = SoilExchange(GRID, lambda: np.zeros(GRID.shape), expected=(1, 2))
+    soil = SoilExchange(Welcome(GRID, lambda: np.zeros(GRID.shape)), expected=(1, 2))
     soil.receive(MachineHeader(soil.run_id, 9, 5, -1, Verb.JOIN))
     (rejection,) = soil.drain_outbox()
     assert isinstance(rejection, JoinRejected)

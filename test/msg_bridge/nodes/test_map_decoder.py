@@ -34,7 +34,7 @@ class Reader(MapDecoder):
         super().__init__(
             lambda frame: self.cells.append(frame.grid.cell),
             lambda topic, reason: self.reasons.append(reason),
-            topic="/terrain/map",
+            simulation_namespace="",
             guess=guess,
         )
 
@@ -44,7 +44,7 @@ CELL = 1.0 / 3.0
 
 def test_map_received_first_is_decoded_once_when_the_cell_size_arrives() -> None:
     reader = Reader()
-    reader.read(map_of(CELL))
+    reader.read_map(map_of(CELL))
     assert (reader.cells, reader.reasons) == ([], [])
     reader.set_cell(CELL)
     reader.set_cell(CELL)
@@ -54,8 +54,8 @@ def test_map_received_first_is_decoded_once_when_the_cell_size_arrives() -> None
 def test_map_with_another_cell_size_waits_for_the_new_cell_size() -> None:
     reader = Reader()
     reader.set_cell(0.2)
-    reader.read(map_of(0.2))
-    reader.read(map_of(0.1))
+    reader.read_map(map_of(0.2))
+    reader.read_map(map_of(0.1))
     assert reader.cells == [0.2]
     reader.set_cell(0.1)
     assert reader.cells == [0.2, 0.1]
@@ -63,26 +63,26 @@ def test_map_with_another_cell_size_waits_for_the_new_cell_size() -> None:
 
 def test_decoder_that_may_guess_the_cell_size_decodes_at_once() -> None:
     reader = Reader(guess=True)
-    reader.read(map_of(0.2))
-    reader.read(map_of(CELL))
+    reader.read_map(map_of(0.2))
+    reader.read_map(map_of(CELL))
     assert reader.cells == pytest.approx([0.2, CELL], rel=1e-6)
 
 
 def test_map_that_is_not_needed_is_not_decoded() -> None:
     reader = Reader()
     reader.is_needed = lambda run_id: run_id == 2
-    reader.read(map_of(0.2, run_id=2))  # waits for the cell size
-    reader.read(map_of(0.2, run_id=1))
+    reader.read_map(map_of(0.2, run_id=2))  # waits for the cell size
+    reader.read_map(map_of(0.2, run_id=1))
     reader.set_cell(0.2)
     assert reader.cells == []
-    reader.read(map_of(0.2, run_id=2))
+    reader.read_map(map_of(0.2, run_id=2))
     assert reader.cells == [0.2]
 
 
 def test_malformed_map_is_rejected() -> None:
     reader = Reader()
     reader.set_cell(0.2)
-    reader.read(PointCloud2())
+    reader.read_map(PointCloud2())
     assert reader.cells == []
     assert len(reader.reasons) == 1
 

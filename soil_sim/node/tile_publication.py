@@ -1,0 +1,167 @@
+"""Publish a large terrain as tiles, a few at a time, so that no tick is late.
+
+A full round is sent to a new subscriber, for a machine that joins, and now and then, for those who
+lost a tile; in between, the tiles that changed. See `msg_bridge.codec.terrain_tiles`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+
+from builtin_interfaces.msg import Time
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+
+from msg_bridge.codec import qos
+from msg_bridge.codec.terrain import TerrainMap
+from msg_bridge.codec.terrain_tiles import TERRAIN_TILE, TileOutline, TileRound, tile_to_cdr
+from msg_bridge.contract import topics
+from msg_bridge.contract.rows import Rows
+from msg_bridge.contract.topics import MAP_FRAME
+from soil_sim.node.published_cells import PublishedCells
+from soil_sim.node.soil_run import SoilRun
+
+__all__ = ["TilePublication"]
+
+_SEND_PERIOD = 0.01
+"""Wall time between two calls that send tiles [s]."""
+
+_TILES_PER_CALL = 3
+"""Number of tiles that a call sends; in real time it is one, so that no tick is late. Subscribers
+must keep up: what they cannot take for a while waits in a queue of `qos.TILES`."""
+
+_CALLS_WHILE_LATE = 5
+"""Number of calls for each tile while ticks are late."""
+
+_FULL_ROUND_TIME = 30.0
+"""Simulated time after which changed terrain is sent in full again [s]."""
+
+
+class TilePublication:
+    """Publishes the terrain of a run as tiles, and at a rate those that changed."""
+
+    def __init__(self, node: Node, run: SoilRun, terrain: Callable[[], TerrainMap]) -> None:
+        """
+        Args:
+            node: the soil node.
+            run: the run of the soil, which a reset begins again.
+            terrain: returns the present terrain.
+        """
+        self._node, self._run, self._terrain = node, run, terrain
+        self._publisher = node.create_publisher(PointCloud2, topics.TERRAIN_TILES, qos.TILES)
+        self._subscriptions: set[bytes] = set()  # those that were sent a full round
+        self._published = PublishedCells(terrain())
+        self._queue: deque[TileOutline] = deque()  # tiles of the present round
+        self._round = TileRound(0, 0, 0, 0, 0, 0)
+        self._stamp = self._round_stamp = Time()
+        self._wants_full = self._wants_changed = False
+        self._next_tick = self._next_full_tick = self._num_calls = 0
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._timer = node.create_timer(_SEND_PERIOD, self._send, clock=steady)
+
+    def begin(self, stamp: Time) -> None:
+        """Publish the terrain with which a run begins, or continues."""
+        self._published = PublishedCells(self._terrain())
+        self._queue.clear()
+        self._next_tick = 0
+        self.send_all(stamp)
+
+    def update(self, tick: int, map_updates: Rows, stamp: Time) -> None:
+        """Note the changes of a tick, and publish changed tiles if they are due.
+
+        Args:
+            tick: number of the tick.
+            map_updates: its MAP_UPDATE rows.
+            stamp: its end.
+        """
+        cut_fill = self._run.cut_fill
+        difference = None if cut_fill is None else cut_fill.difference
+        material = self._run.endpoint.soil.columns.material
+        self._published.update(map_updates, material, difference)
+        self._stamp = stamp
+        if tick >= self._next_tick:
+            params = self._run.params
+            self._next_tick = tick + max(1, round(1.0 / (params.map_rate * params.tick_period)))
+            self.publish_if_changed(stamp)
+
+    def publish_if_changed(self, stamp: Time) -> None:
+        """Publish the tiles that changed since the last round."""
+        self._stamp = stamp
+        if self._published.has_changed and self._publisher.get_subscription_count():
+            self._wants_changed = True
+            self._start_sending()
+
+    def send_all(self, stamp: Time) -> None:
+        """Publish all tiles, of the present terrain."""
+        self._stamp = stamp
+        self._wants_full = True
+        self._start_sending()
+
+    def update_for_new_subscribers(self, stamp: Time) -> None:
+        """Publish all tiles if there is a new subscriber, and it can receive them."""
+        infos = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
+        found = {bytes(info.endpoint_gid) for info in infos}
+        is_matched = self._publisher.get_subscription_count() >= len(found)
+        if is_matched and not found <= self._subscriptions:
+            self.send_all(stamp)
+        if is_matched:
+            self._subscriptions = found
+
+    def _start_sending(self) -> None:
+        if self._timer.is_canceled():
+            self._timer.reset()
+
+    def _send(self) -> None:
+        """Send a few tiles of the present round, or begin another one."""
+        if not self._queue:
+            self._begin_round()
+        if not self._queue:
+            self._timer.cancel()
+        is_paced = self._run.realtime and self._run.tick >= 0
+        self._num_calls += 1
+        if is_paced and self._run.scheduler.is_due and self._num_calls % _CALLS_WHILE_LATE:
+            return
+        for _ in range(min(len(self._queue), 1 if is_paced else _TILES_PER_CALL)):
+            outline = self._queue.popleft()
+            self._publisher.publish(
+                tile_to_cdr(
+                    self._published.cells, outline, self._round, MAP_FRAME, self._round_stamp
+                )
+            )
+        if self._round.is_full and self._queue:
+            # The tiles are on their way for longer than their size alone explains.
+            self._run.expect_keyframe(time.monotonic(), self._num_bytes_in_queue)
+
+    def _begin_round(self) -> None:
+        """Begin the round that is wanted, if any."""
+        published = self._published
+        published.release()
+        if not self._publisher.get_subscription_count():
+            self._wants_full = self._wants_changed = False  # a new subscriber is sent all tiles
+        tick = self._run.tick
+        is_full = self._wants_full or (self._wants_changed and tick >= self._next_full_tick)
+        if not is_full and not self._wants_changed:
+            return
+        changed = published.take_changed_tiles()
+        self._queue.extend(published.outlines if is_full else changed)
+        self._wants_full = self._wants_changed = False
+        if is_full:
+            self._next_full_tick = tick + round(_FULL_ROUND_TIME / self._run.params.tick_period)
+        published.hold()
+        self._round = TileRound(
+            self._run.endpoint.exchange.run_id,
+            published.revision,
+            published.revision if is_full else self._round.revision,
+            len(self._queue),
+            *published.cells.shape,
+        )
+        self._round_stamp = self._stamp
+
+    @property
+    def _num_bytes_in_queue(self) -> int:
+        """Size of the tiles that are to be sent."""
+        num_cells = sum(each.num_rows * each.num_cols for each in self._queue)
+        return num_cells * TERRAIN_TILE.itemsize
