@@ -61,7 +61,7 @@ class MapDecoder:
         self._cell: float | None = None
         self._pending: Rows | None = None  # points of a map
         self._tiles = TileAssembly()
-        self._last_tile_time = 0.0  # monotonic clock [s]
+        self._last_tile_time = 0.0  # or that of the subscription, monotonic clock [s]
         self._triggers = True
 
     def subscribe(self, poller: SubscriptionPoller, *, triggers: bool = True) -> None:
@@ -71,7 +71,7 @@ class MapDecoder:
             poller: poller of the node.
             triggers: whether a message triggers a poll.
         """
-        self._triggers = triggers
+        self._triggers, self._last_tile_time = triggers, time.monotonic()
         subscribe: Any = poller.subscribe
         subscribe(
             PointCloud2, self._map_topic, qos.TRANSIENT_LOCAL, self.read_map, triggers=triggers
@@ -80,13 +80,17 @@ class MapDecoder:
             PointCloud2, self._tiles_topic, qos.TILES, self.read_tile, triggers=triggers, raw=True
         )
 
-    def check(self, poller: SubscriptionPoller) -> None:
+    def check(self, poller: SubscriptionPoller, *, is_missing: bool = False) -> None:
         """Subscribe again if a round of tiles remains incomplete: a new subscriber is sent all.
 
         Call it now and then while subscribed; not in a callback of a message.
+
+        Args:
+            poller: poller of the node.
+            is_missing: whether tiles are awaited although no round is incomplete.
         """
-        is_incomplete = self._tiles.is_incomplete
-        if is_incomplete and time.monotonic() - self._last_tile_time > _MAX_TILE_GAP:
+        is_missing = is_missing or self._tiles.is_incomplete
+        if is_missing and time.monotonic() - self._last_tile_time > _MAX_TILE_GAP:
             triggers = self._triggers
             self.unsubscribe(poller)
             self.subscribe(poller, triggers=triggers)

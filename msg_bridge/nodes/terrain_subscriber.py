@@ -64,6 +64,7 @@ class TerrainSubscriber:
             guess=True,
         )
         self._last_tick = -1
+        self._is_other_run = False  # whether the last message is of another run
 
         def subscribe(
             kind: Any, topic: str, profile: Any, decode: Callable[[Any], Message], *, raw: bool
@@ -91,7 +92,9 @@ class TerrainSubscriber:
 
     def _take(self, topic: str, decode: Callable[[Any], Any], msg: Any) -> None:
         try:
-            self.follower.receive(decode(msg))
+            message = decode(msg)
+            self._is_other_run = message.run_id != self.follower.run_id
+            self.follower.receive(message)
         except ExchangeError as error:
             self._reject(topic, error.coded_message)
 
@@ -100,21 +103,23 @@ class TerrainSubscriber:
         self._last_tick = self.follower.tick
         if stalled and self.follower.resync():
             self._on_resync()
-        self._follow_maps(stalled and self.follower.is_missing_rows)
+        self._follow_tiles(is_missing=stalled and self.follower.is_missing_rows)
 
-    def _follow_maps(self, is_wanted: bool) -> None:
-        """Receive large terrain only while it is missing, or rows may be; small terrain always.
+    def _follow_tiles(self, *, is_missing: bool) -> None:
+        """Receive large terrain only while it is missing: that takes long. Small, always.
 
-        To receive a large one takes long, and a new subscriber is sent all of it.
+        Args:
+            is_missing: whether rows are missing that a newer terrain contains.
         """
         grid = self.follower.grid
-        is_wanted = is_wanted or grid is None or grid.rows * grid.cols <= MAX_MAP_CELLS
+        is_large = grid is not None and grid.rows * grid.cols > MAX_MAP_CELLS
+        is_wanted = is_missing or self._is_other_run or not is_large
         if is_wanted and not self._follows_maps:
             self.maps.subscribe(self._poller, triggers=False)
         elif self._follows_maps and not is_wanted:
             self.maps.unsubscribe(self._poller)
         elif is_wanted:
-            self.maps.check(self._poller)
+            self.maps.check(self._poller, is_missing=is_missing and is_large)
         self._follows_maps = is_wanted
 
 

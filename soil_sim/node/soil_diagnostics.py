@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from msg_bridge.contract.rows import Rows
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
 from msg_bridge.nodes.real_time_monitor import (
     OVERLOAD_CONDITION,
@@ -54,6 +55,7 @@ class SoilDiagnostics:
         self._load_meter = LoadMeter()
         self._monitor = OverloadMonitor(resolution=params.tick_period)
         self._num_starts = 0  # of the schedule, at the last update
+        self._columns_at_floor: set[int] = set()  # flat numbers
         self._num_late_ticks = 0  # at the last update
         self._num_late_ticks_by_machine: Counter[int] = Counter()  # at the last update
         self._logged_level = Level.OK
@@ -62,10 +64,28 @@ class SoilDiagnostics:
     def start_run(self) -> None:
         """Measure the real-time factor from tick 0 of a new run."""
         self._monitor.restart()
+        columns = self._run.endpoint.soil.columns
+        self._columns_at_floor = set(np.flatnonzero(columns.height <= columns.floor).tolist())
 
-    def record_tick(self, duration: float) -> None:
-        """Record the wall time for which a tick was computed and published [s]."""
+    def record_tick(self, duration: float, map_updates: Rows) -> None:
+        """Record a tick.
+
+        Args:
+            duration: wall time for which it was computed and published [s].
+            map_updates: its MAP_UPDATE rows.
+        """
         self._load_meter.record(duration)
+        if map_updates.size:
+            self._update_columns_at_floor(map_updates)
+
+    def _update_columns_at_floor(self, map_updates: Rows) -> None:
+        """Update the columns at the floor; comparing all would make a tick late."""
+        columns = self._run.endpoint.soil.columns
+        numbers = map_updates["row"].astype(np.int64) * columns.grid.cols + map_updates["col"]
+        is_at_floor = columns.height.reshape(-1)[numbers] <= columns.floor
+        if self._columns_at_floor or is_at_floor.any():
+            self._columns_at_floor.difference_update(numbers[~is_at_floor].tolist())
+            self._columns_at_floor.update(numbers[is_at_floor].tolist())
 
     def _update(self) -> None:
         load = self._load_meter.take(self._params.tick_period)
@@ -132,8 +152,7 @@ class SoilDiagnostics:
 
     def _report_floor(self) -> None:
         """Set or clear the problem of columns that are dug down to the floor of the terrain."""
-        columns = self._run.endpoint.soil.columns
-        num_empty = int(np.count_nonzero(columns.height <= columns.floor))
+        columns, num_empty = self._run.endpoint.soil.columns, len(self._columns_at_floor)
         self._diagnostics.set("columns_at_floor", num_empty)
         if num_empty == 0:
             self._diagnostics.clear(_FLOOR_CONDITION)

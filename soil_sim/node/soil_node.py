@@ -240,7 +240,7 @@ class SoilNode(SimNode):
             while (done := self.run.advance(start)) is not None:
                 self._publish(done)
                 end = time.monotonic()
-                self._soil_diagnostics.record_tick(end - start)
+                self._soil_diagnostics.record_tick(end - start, done.step.map_updates)
                 start = end
         except ExchangeError as error:
             if error.code not in (ErrorCode.ROW_DIGEST, ErrorCode.DEPOSIT_VOLUME):

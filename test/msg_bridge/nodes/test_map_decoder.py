@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
@@ -11,10 +14,12 @@ from std_msgs.msg import String
 from machine_sim.node.machine_node import MachineNode
 from msg_bridge.codec import qos
 from msg_bridge.codec.run_config import RunFacts, to_config_yaml
-from msg_bridge.codec.terrain import TerrainMap, to_terrain_cloud
+from msg_bridge.codec.terrain import TerrainMap, cells_of_terrain, to_terrain_cloud
+from msg_bridge.codec.terrain_tiles import TileRound, tile_outlines, tile_to_cdr
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import Keyframe
+from msg_bridge.nodes import map_decoder
 from msg_bridge.nodes.map_decoder import MapDecoder
 from msg_bridge.testing.ros_context import Ros
 
@@ -84,6 +89,40 @@ def test_malformed_map_is_rejected() -> None:
     reader.set_cell(0.2)
     reader.read_map(PointCloud2())
     assert reader.cells == []
+    assert len(reader.reasons) == 1
+
+
+def test_lost_tile_is_sent_again_to_a_new_subscription(monkeypatch: pytest.MonkeyPatch) -> None:
+    grid = Grid(200, 140, 0.2)
+    level = np.zeros(grid.shape)
+    cells = cells_of_terrain(TerrainMap(Keyframe(3, 7, grid, level), level))
+    outlines = list(tile_outlines(grid.shape))
+    tile_round = TileRound(3, 7, 7, len(outlines), *grid.shape)
+    tiles = [tile_to_cdr(cells, each, tile_round, "map", Time()) for each in outlines]
+    now = 100.0
+    monkeypatch.setattr(map_decoder.time, "monotonic", lambda: now)
+    calls: list[str] = []
+    poller: Any = SimpleNamespace(
+        subscribe=lambda kind, topic, *_, **__: calls.append(f"+{topic}"),
+        unsubscribe=lambda topic: calls.append(f"-{topic}"),
+    )
+    reader = Reader()
+    reader.set_cell(0.2)
+    reader.subscribe(poller)
+    assert calls == ["+/terrain/map", "+/terrain/tiles"]
+    calls.clear()
+    for tile in tiles[:-1]:
+        reader.read_tile(tile)
+    now += 1.9
+    reader.check(poller)
+    assert calls == []
+    now += 0.2
+    reader.check(poller)
+    assert calls == ["-/terrain/map", "-/terrain/tiles", "+/terrain/map", "+/terrain/tiles"]
+    for tile in tiles:
+        reader.read_tile(tile)
+    assert (reader.cells, reader.reasons) == ([0.2], [])
+    reader.read_tile(tiles[0][:1000])
     assert len(reader.reasons) == 1
 
 

@@ -69,9 +69,14 @@ def make_trigger(ros: Ros) -> Callable[[], None]:
 
 
 @pytest.fixture
-def digging(ros: Ros, tmp_path: Path) -> Scene:
-    """Return a scene whose machine is excavating soil."""
-    return excavating_scene(ros, tmp_path)
+def digging(request: pytest.FixtureRequest, ros: Ros, tmp_path: Path) -> Scene:
+    """Return a scene whose machine is excavating soil, on a site of some size."""
+    size = getattr(request, "param", None)
+    return excavating_scene(ros, tmp_path, **({} if size is None else {"site.num_points": size}))
+
+
+of_both_sizes = pytest.mark.parametrize("digging", [65, 520], indirect=True)
+"""Terrain that is published as a map, and as tiles."""
 
 
 def test_terrain_is_followed_from_the_first_tick(ros: Ros, tmp_path: Path) -> None:
@@ -87,6 +92,7 @@ def test_terrain_is_followed_from_the_first_tick(ros: Ros, tmp_path: Path) -> No
     assert viewer.rejections == []
 
 
+@of_both_sizes
 def test_late_subscriber_has_the_current_terrain(ros: Ros, digging: Scene) -> None:
     viewer = ros.add(Viewer)
     digging.more_ticks(5)
@@ -101,6 +107,7 @@ def test_late_subscriber_has_the_current_terrain_while_paused(ros: Ros, digging:
     ros.spin_until(lambda: is_current(viewer, digging))
 
 
+@of_both_sizes
 def test_reset_is_followed(ros: Ros, digging: Scene) -> None:
     viewer = ros.add(Viewer)
     digging.more_ticks(3)

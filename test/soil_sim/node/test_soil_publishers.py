@@ -41,6 +41,7 @@ PROFILES = {
     "/terrain/map_updates": qos.ROWS,
     "/terrain/map": qos.TRANSIENT_LOCAL,
     "/terrain/elevation": qos.TRANSIENT_LOCAL,
+    "/terrain/view": qos.TRANSIENT_LOCAL,
     "/terrain/info": qos.TRANSIENT_LOCAL,
     "/sim/config": qos.TRANSIENT_LOCAL,
     "/sim/paused": qos.TRANSIENT_LOCAL,
