@@ -78,7 +78,8 @@ class StatePublishers:
         def publisher(kind: type, topic: str, profile: QoSProfile = qos.STATE) -> Publisher:
             return node.create_publisher(kind, topic_prefix + topic, profile)
 
-        self._applied = publisher(JointState, topics.APPLIED_COMMANDS)
+        # A replay needs each of them.
+        self._applied = publisher(JointState, topics.APPLIED_COMMANDS, qos.ROWS)
         self._joints = publisher(JointState, topics.JOINT_STATES)
         self._odom = publisher(Odometry, topics.ODOM)
         self._cylinders = publisher(Float64MultiArray, topics.CYLINDERS)

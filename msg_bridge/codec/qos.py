@@ -26,8 +26,8 @@ ROWS = _keep_last(256)
 """Rows, tick headers, requests, rejections, the ledger; transforms, one message per link at once.
 Keep-last, so that a slow subscriber cannot block a publisher; lost messages are requested again."""
 
-TILES = _keep_last(128)
-"""Tiles of large terrain, of 1 MB each; a round of which one was lost is followed by another."""
+TILES = _keep_last(512)
+"""Tiles of large terrain, of 280 kB each; a round of which one was lost is followed by another."""
 
 TRANSIENT_LOCAL = _keep_last(1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """State of which a late subscriber needs the latest message: terrain map, elevation, map info,

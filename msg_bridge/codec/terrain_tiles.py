@@ -35,8 +35,9 @@ __all__ = [
     "tile_to_cdr",
 ]
 
-TILE_SIZE = 128
-"""Number of rows and of columns of a tile: a message of 1.1 MB, which takes less than a tick."""
+TILE_SIZE = 64
+"""Number of rows and of columns of a tile. Its message of 280 kB is five datagrams, which leave room
+for other topics in the receive buffers of subscribers."""
 
 TERRAIN_TILE = np.dtype(
     [

@@ -72,7 +72,7 @@ _COMMANDS = (
 
 _MACHINE_STATE = (
     Endpoint(
-        topics.APPLIED_COMMANDS, _JOINTS, _MACHINE, (MACHINE,), _PAGES, "STATE", "every tick",
+        topics.APPLIED_COMMANDS, _JOINTS, _MACHINE, (MACHINE,), _PAGES, "ROWS", "every tick",
         "command that took effect in the tick: velocities of joints [rad/s] and tracks [m/s]",
     ),
     Endpoint(

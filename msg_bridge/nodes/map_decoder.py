@@ -69,7 +69,8 @@ class MapDecoder:
 
         Args:
             poller: poller of the node.
-            triggers: whether a message triggers a poll.
+            triggers: whether a map triggers a poll. A tile does: tiles may arrive after the last
+                message that does so otherwise, as while time stands still.
         """
         self._triggers, self._last_tile_time = triggers, time.monotonic()
         subscribe: Any = poller.subscribe
@@ -77,7 +78,7 @@ class MapDecoder:
             PointCloud2, self._map_topic, qos.TRANSIENT_LOCAL, self.read_map, triggers=triggers
         )
         subscribe(
-            PointCloud2, self._tiles_topic, qos.TILES, self.read_tile, triggers=triggers, raw=True
+            PointCloud2, self._tiles_topic, qos.TILES, self.read_tile, triggers=True, raw=True
         )
 
     def check(self, poller: SubscriptionPoller, *, is_missing: bool = False) -> None:

@@ -17,7 +17,13 @@ from sensor_msgs.msg import PointCloud2
 
 from msg_bridge.codec import qos
 from msg_bridge.codec.terrain import TerrainMap
-from msg_bridge.codec.terrain_tiles import TERRAIN_TILE, TileOutline, TileRound, tile_to_cdr
+from msg_bridge.codec.terrain_tiles import (
+    TERRAIN_TILE,
+    TILE_SIZE,
+    TileOutline,
+    TileRound,
+    tile_to_cdr,
+)
 from msg_bridge.contract import topics
 from msg_bridge.contract.rows import Rows
 from msg_bridge.contract.topics import MAP_FRAME
@@ -26,12 +32,17 @@ from soil_sim.node.soil_run import SoilRun
 
 __all__ = ["TilePublication"]
 
-_SEND_PERIOD = 0.01
+_SEND_PERIOD = 0.005
 """Wall time between two calls that send tiles [s]."""
 
-_TILES_PER_CALL = 3
-"""Number of tiles that a call sends; in real time it is one, so that no tick is late. Subscribers
-must keep up: what they cannot take for a while waits in a queue of `qos.TILES`."""
+_TILES_PER_CALL = 4
+"""Number of tiles that a call sends while there are no ticks; else one, so that no tick is late.
+Subscribers must keep up: what they cannot take for a while waits in a queue of `qos.TILES`."""
+
+_STANDSTILL_TIME = 0.1
+"""Wall time without a tick after which there are none [s]."""
+
+_TILE_BYTES = TILE_SIZE**2 * TERRAIN_TILE.itemsize
 
 _CALLS_WHILE_LATE = 5
 """Number of calls for each tile while ticks are late."""
@@ -59,6 +70,7 @@ class TilePublication:
         self._stamp = self._round_stamp = Time()
         self._wants_full = self._wants_changed = False
         self._next_tick = self._next_full_tick = self._num_calls = 0
+        self._last_tick_time = 0.0  # monotonic clock [s]
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_SEND_PERIOD, self._send, clock=steady)
 
@@ -81,7 +93,7 @@ class TilePublication:
         difference = None if cut_fill is None else cut_fill.difference
         material = self._run.endpoint.soil.columns.material
         self._published.update(map_updates, material, difference)
-        self._stamp = stamp
+        self._stamp, self._last_tick_time = stamp, time.monotonic()
         if tick >= self._next_tick:
             params = self._run.params
             self._next_tick = tick + max(1, round(1.0 / (params.map_rate * params.tick_period)))
@@ -120,11 +132,12 @@ class TilePublication:
             self._begin_round()
         if not self._queue:
             self._timer.cancel()
-        is_paced = self._run.realtime and self._run.tick >= 0
+        is_late = self._run.realtime and self._run.scheduler.is_due
         self._num_calls += 1
-        if is_paced and self._run.scheduler.is_due and self._num_calls % _CALLS_WHILE_LATE:
+        if is_late and self._num_calls % _CALLS_WHILE_LATE:
             return
-        for _ in range(min(len(self._queue), 1 if is_paced else _TILES_PER_CALL)):
+        has_ticks = time.monotonic() - self._last_tick_time < _STANDSTILL_TIME
+        for _ in range(min(len(self._queue), 1 if has_ticks else _TILES_PER_CALL)):
             outline = self._queue.popleft()
             self._publisher.publish(
                 tile_to_cdr(
@@ -133,7 +146,7 @@ class TilePublication:
             )
         if self._round.is_full and self._queue:
             # The tiles are on their way for longer than their size alone explains.
-            self._run.expect_keyframe(time.monotonic(), self._num_bytes_in_queue)
+            self._run.expect_keyframe(time.monotonic(), len(self._queue) * _TILE_BYTES)
 
     def _begin_round(self) -> None:
         """Begin the round that is wanted, if any."""
@@ -159,9 +172,3 @@ class TilePublication:
             *published.cells.shape,
         )
         self._round_stamp = self._stamp
-
-    @property
-    def _num_bytes_in_queue(self) -> int:
-        """Size of the tiles that are to be sent."""
-        num_cells = sum(each.num_rows * each.num_cols for each in self._queue)
-        return num_cells * TERRAIN_TILE.itemsize

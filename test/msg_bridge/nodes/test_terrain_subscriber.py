@@ -101,6 +101,7 @@ def test_late_subscriber_has_the_current_terrain(ros: Ros, digging: Scene) -> No
     assert viewer.follower.elevation.min() < -0.05
 
 
+@of_both_sizes
 def test_late_subscriber_has_the_current_terrain_while_paused(ros: Ros, digging: Scene) -> None:
     digging.pause()
     viewer = ros.add(Viewer)
