@@ -36,8 +36,8 @@ __all__ = [
 ]
 
 TILE_SIZE = 64
-"""Number of rows and of columns of a tile. Its message of 280 kB is five datagrams, which leave room
-for other topics in the receive buffers of subscribers."""
+"""Number of rows and of columns of a tile. Its message of 280 kB is five datagrams, so that receive
+buffers have room for other topics."""
 
 TERRAIN_TILE = np.dtype(
     [
@@ -160,7 +160,7 @@ def tile_to_cdr(
 def tile_from_cdr(data: bytes) -> TerrainTile:
     """Parse a serialised tile.
 
-    Its layers are not checked; those who decode the map do that.
+    Its layers are not checked, but when the map is decoded.
 
     Raises:
         CodecError: FIELDS: no cloud of TERRAIN_TILE points; VALUE: they contradict one another;

@@ -1,6 +1,6 @@
 """A part of the terrain, with fewer columns, as a cloud for display.
 
-Unlike a map it has neither volumes nor a revision: nobody can take it for the terrain itself.
+Unlike a map it has neither volumes nor a revision, so that it is not taken for the terrain itself.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Publish a large terrain as tiles, a few at a time, so that no tick is late.
 
-A full round is sent to a new subscriber, for a machine that joins, and now and then, for those who
-lost a tile; in between, the tiles that changed. See `msg_bridge.codec.terrain_tiles`.
+A full round is sent for a new subscriber, for a machine that joins, and now and then, for those
+that lost a tile; in between, the tiles that changed. See `msg_bridge.codec.terrain_tiles`.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class TilePublication:
         self._queue: deque[TileOutline] = deque()  # tiles of the present round
         self._round = TileRound(0, 0, 0, 0, 0, 0)
         self._stamp = self._round_stamp = Time()
-        self._wants_full = self._wants_changed = False
+        self._is_full_due = self._is_changed_due = False
         self._next_tick = self._next_full_tick = self._num_calls = 0
         self._last_tick_time = 0.0  # monotonic clock [s]
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -103,13 +103,13 @@ class TilePublication:
         """Publish the tiles that changed since the last round."""
         self._stamp = stamp
         if self._published.has_changed and self._publisher.get_subscription_count():
-            self._wants_changed = True
+            self._is_changed_due = True
             self._start_sending()
 
     def send_all(self, stamp: Time) -> None:
         """Publish all tiles, of the present terrain."""
         self._stamp = stamp
-        self._wants_full = True
+        self._is_full_due = True
         self._start_sending()
 
     def update_for_new_subscribers(self, stamp: Time) -> None:
@@ -145,7 +145,7 @@ class TilePublication:
                 )
             )
         if self._round.is_full and self._queue:
-            # The tiles are on their way for longer than their size alone explains.
+            # To send the tiles takes longer than their size alone explains.
             self._run.expect_keyframe(time.monotonic(), len(self._queue) * _TILE_BYTES)
 
     def _begin_round(self) -> None:
@@ -153,14 +153,14 @@ class TilePublication:
         published = self._published
         published.release()
         if not self._publisher.get_subscription_count():
-            self._wants_full = self._wants_changed = False  # a new subscriber is sent all tiles
+            self._is_full_due = self._is_changed_due = False  # a new subscriber is sent all tiles
         tick = self._run.tick
-        is_full = self._wants_full or (self._wants_changed and tick >= self._next_full_tick)
-        if not is_full and not self._wants_changed:
+        is_full = self._is_full_due or (self._is_changed_due and tick >= self._next_full_tick)
+        if not is_full and not self._is_changed_due:
             return
         changed = published.take_changed_tiles()
         self._queue.extend(published.outlines if is_full else changed)
-        self._wants_full = self._wants_changed = False
+        self._is_full_due = self._is_changed_due = False
         if is_full:
             self._next_full_tick = tick + round(_FULL_ROUND_TIME / self._run.params.tick_period)
         published.hold()

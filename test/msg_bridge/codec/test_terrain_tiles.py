@@ -29,7 +29,7 @@ from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.contract.rows import Rows
 
-GRID = Grid(150, 270, 0.2)
+GRID = Grid(86, 142, 0.2)
 """2 x 3 tiles, those at the edges smaller."""
 
 STAMP = Time(sec=3, nanosec=7)
@@ -141,14 +141,14 @@ def test_incomplete_assembly_is_seen_until_there_is_a_map() -> None:
     ("changes", "code"),
     [
         ({"row": 1}, ErrorCode.GRID),
-        ({"col": 128}, ErrorCode.GRID),
+        ({"col": 64}, ErrorCode.GRID),
         ({"map_rows": 60_000}, ErrorCode.GRID),
         ({"map_rows": 0}, ErrorCode.GRID),
         ({"num_tiles": 0}, ErrorCode.VALUE),
         ({"num_tiles": 7}, ErrorCode.VALUE),
         ({"num_tiles": 5}, ErrorCode.VALUE),  # of a full round
         ({"base_revision": 9}, ErrorCode.VALUE),
-        ({"revision": [8] + [9] * 2815}, ErrorCode.VALUE),
+        ({"revision": [8] + [9] * 1407}, ErrorCode.VALUE),
     ],
 )
 def test_contradictory_tile_is_rejected(changes: dict[str, object], code: ErrorCode) -> None:
