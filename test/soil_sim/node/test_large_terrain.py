@@ -77,7 +77,9 @@ def test_machine_digs_in_terrain_received_as_tiles(ros: Ros, tmp_path: Path) -> 
     scene = excavating_scene(ros, tmp_path, required_subscribers=["exchange_recorder"], **SITE)
     ros.spin_until(is_current(tiles, scene), what="the changed tiles")
     assert tiles.rounds[0].num_tiles == num_tiles_of((520, 520)) == 81
-    assert all(each.num_tiles <= 4 for each in tiles.rounds[1:]), "only tiles that changed"
+    partial = [each.num_tiles for each in tiles.rounds if not each.is_full]
+    assert partial
+    assert max(partial) <= 4, "only tiles that changed"
     late = Tiles(ros)
     ros.spin_until(is_current(late, scene), what="a late subscriber to have all tiles")
     assert late.rounds[0].is_full
