@@ -42,6 +42,9 @@ Subscribers must keep up: what they cannot take for a while waits in a queue of 
 _STANDSTILL_TIME = 0.1
 """Wall time without a tick after which there are none [s]."""
 
+_MAX_WAITS = 4
+"""Number of calls for which all tiles are withheld until a new subscriber is matched."""
+
 _TILE_BYTES = TILE_SIZE**2 * TERRAIN_TILE.itemsize
 
 _CALLS_WHILE_LATE = 5
@@ -71,6 +74,7 @@ class TilePublication:
         self._is_full_due = self._is_changed_due = False
         self._next_tick = self._next_full_tick = self._num_calls = 0
         self._last_tick_time = 0.0  # monotonic clock [s]
+        self._num_waits = 0  # for a new subscriber to be matched
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_SEND_PERIOD, self._send, clock=steady)
 
@@ -113,14 +117,21 @@ class TilePublication:
         self._start_sending()
 
     def update_for_new_subscribers(self, stamp: Time) -> None:
-        """Publish all tiles if there is a new subscriber, and it can receive them."""
+        """Publish all tiles if there is a new subscriber; call it a few times a second.
+
+        One that is in the ROS graph may not be matched yet. Some never are, as those that request
+        another QoS: others do not wait for them.
+        """
         infos = self._node.get_subscriptions_info_by_topic(self._publisher.topic_name)
         found = {bytes(info.endpoint_gid) for info in infos}
+        if found <= self._subscriptions:
+            self._subscriptions, self._num_waits = found, 0
+            return
+        self._num_waits += 1
         is_matched = self._publisher.get_subscription_count() >= len(found)
-        if is_matched and not found <= self._subscriptions:
+        if is_matched or self._num_waits > _MAX_WAITS:
+            self._subscriptions, self._num_waits = found, 0
             self.send_all(stamp)
-        if is_matched:
-            self._subscriptions = found
 
     def _start_sending(self) -> None:
         if self._timer.is_canceled():

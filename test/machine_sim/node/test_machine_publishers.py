@@ -28,7 +28,7 @@ PUBLISHED = {
     "soil_tick": qos.ROWS,
     "/soil/tool_sweeps": qos.ROWS,
     "/soil/deposit_requests": qos.ROWS,
-    "applied_commands": qos.STATE,
+    "applied_commands": qos.ROWS,
     "joint_states": qos.STATE,
     "odom": qos.STATE,
     "payload": qos.STATE,

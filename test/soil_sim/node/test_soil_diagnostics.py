@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from support.soil_scenes import bucket_sweep, flat_soil, make_deposit_requests
 
+from msg_bridge.contract.rows import MAP_UPDATE, empty_rows
 from msg_bridge.exchange.join_state import JoinState
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from msg_bridge.nodes.diagnostics import Level
@@ -54,7 +55,10 @@ class Scene:
         logger = SimpleNamespace(warning=self.log.append, info=self.log.append)
         node: Any = SimpleNamespace(get_logger=lambda: logger, count_publishers=lambda topic: 1)
         self.diagnostics: Any = FakeDiagnostics()
-        SoilDiagnostics(node, self.diagnostics, self.run, node_params, now=lambda: self.now)
+        self.soil_diagnostics = SoilDiagnostics(
+            node, self.diagnostics, self.run, node_params, now=lambda: self.now
+        )
+        self.soil_diagnostics.start_run()
         if joined:
             self.machine.join()
             self.exchange()
@@ -96,11 +100,18 @@ def test_columns_dug_down_to_the_floor_are_reported_until_they_are_filled() -> N
     assert scene.diagnostics.values["columns_at_floor"] == 0
     columns = scene.run.endpoint.soil.columns
     height = columns.height[4, 5]
+    changed = empty_rows(MAP_UPDATE, 2)
+    changed["row"], changed["col"] = (4, 3), 5
     columns.height[4, 5] = columns.floor
+    scene.soil_diagnostics.record_tick(0.0, changed)
     scene.diagnostics.update()
     assert scene.diagnostics.values["columns_at_floor"] == 1
     assert scene.diagnostics.problems["floor"][1] is Level.WARN
+    scene.soil_diagnostics.start_run()  # counts those of a run that is continued
+    scene.diagnostics.update()
+    assert scene.diagnostics.values["columns_at_floor"] == 1
     columns.height[4, 5] = height
+    scene.soil_diagnostics.record_tick(0.0, changed)
     scene.diagnostics.update()
     assert "floor" not in scene.diagnostics.problems
 
