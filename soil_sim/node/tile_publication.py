@@ -32,7 +32,7 @@ from soil_sim.node.soil_run import SoilRun
 
 __all__ = ["TilePublication"]
 
-_SEND_PERIOD = 0.005
+_SEND_PERIOD = 0.01
 """Wall time between two calls that send tiles [s]."""
 
 _TILES_PER_CALL = 4
