@@ -47,7 +47,7 @@ _MAX_WAITS = 4
 
 _TILE_BYTES = TILE_SIZE**2 * TERRAIN_TILE.itemsize
 
-_CALLS_WHILE_LATE = 5
+_CALLS_WHILE_LATE = 2
 """Number of calls for each tile while ticks are late."""
 
 _FULL_ROUND_TIME = 30.0
