@@ -7,11 +7,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState, PointCloud2
 
 from msg_bridge.codec import qos
 from msg_bridge.codec.stamps import seconds_from_stamp
-from msg_bridge.codec.terrain import from_terrain_cloud
+from msg_bridge.codec.terrain import cells_of_terrain_cloud, keyframe_of_cells
+from msg_bridge.codec.terrain_tiles import tile_from_cdr
+from msg_bridge.codec.tile_assembly import TileAssembly
 from msg_bridge.testing.fixtures import StartProcess
 from msg_bridge.testing.ros_context import Ros
 from msg_bridge.testing.ros_process import RosProcess
@@ -46,6 +49,8 @@ class LiveSite:
         self.ros = ros
         self._start = start
         self._maps = ros.collect("/terrain/map", PointCloud2, qos.TRANSIENT_LOCAL)
+        self._tiles = ros.collect("/terrain/tiles", PointCloud2, qos.TILES)  # of a large site
+        self._assembly = TileAssembly()
         self._states = ros.collect("/excavator/joint_states", JointState)
         site = {"site.terrain": "rough", "site.num_points": 129, "site.cell": 0.2}
         self.soil = start(
@@ -75,9 +80,19 @@ class LiveSite:
 
     def elevation(self) -> NDArray[np.float32]:
         """Return the newest elevation on `/terrain/map` [m], shape (rows, cols)."""
-        self.ros.spin_until(lambda: self._maps)
+        self.ros.spin_until(lambda: self._maps or self._assemble())
         del self._maps[:-1]
-        return from_terrain_cloud(self._maps[-1]).keyframe.elevation.astype(np.float32)
+        cells = self._assembly.cells
+        if cells is None:
+            cells = cells_of_terrain_cloud(self._maps[-1])
+        return keyframe_of_cells(cells).elevation.astype(np.float32)
+
+    def _assemble(self) -> bool:
+        """Assemble the tiles that were received; return whether there is a map."""
+        for tile in self._tiles:
+            self._assembly.add(tile_from_cdr(serialize_message(tile)))
+        self._tiles.clear()
+        return self._assembly.cells is not None
 
     def wait_for_terrain(self, page: LivePage) -> None:
         """Wait until a page's texture has the elevations of the newest map."""
