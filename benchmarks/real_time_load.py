@@ -206,10 +206,10 @@ class DiggingNodes:
         self.sim_time = self._max_particles = 0.0
         self._values: dict[str, float] = {}
         self.max_delay = 0.0
-        self.node = self._node = Node("real_time_load")
+        self.node = Node("real_time_load")
         self._executor = SingleThreadedExecutor()
-        self._executor.add_node(self._node)
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._store, 10)
+        self._executor.add_node(self.node)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._store, 10)
         for name in names:
             self._command(name, make_script(spec))
         arguments = ["--ros-args", "--params-file", str(parameters)]
@@ -230,7 +230,7 @@ class DiggingNodes:
         """Stop all processes."""
         stop_all([*self.machines, self.soil])
         self._executor.shutdown()
-        self._node.destroy_node()
+        self.node.destroy_node()
         rclpy.try_shutdown()
 
     def spin_until(self, condition: object, timeout: float) -> None:
@@ -264,8 +264,8 @@ class DiggingNodes:
 
     def _command(self, name: str, script: DigScript) -> None:
         """Command a machine by a script whenever it publishes its state."""
-        publisher = self._node.create_publisher(JointState, f"/{name}/joint_commands", qos.STATE)
-        tracks = self._node.create_publisher(
+        publisher = self.node.create_publisher(JointState, f"/{name}/joint_commands", qos.STATE)
+        tracks = self.node.create_publisher(
             Float64MultiArray, f"/{name}/{topics.TRACK_VELOCITY_COMMANDS}", qos.STATE
         )
 
@@ -275,7 +275,7 @@ class DiggingNodes:
             publisher.publish(JointState(name=["swing", "boom", "arm", "bucket"], position=goal))
             tracks.publish(Float64MultiArray(data=script.track_speeds(self.sim_time)))
 
-        self._node.create_subscription(JointState, f"/{name}/joint_states", command, qos.STATE)
+        self.node.create_subscription(JointState, f"/{name}/joint_states", command, qos.STATE)
 
     def _store(self, msg: DiagnosticArray) -> None:
         """Keep the latest values of the soil node and the maximum number of particles."""

@@ -1,4 +1,4 @@
-"""Publish a terrain as one map: at the begin of a run, and if it has changed, at a rate."""
+"""Publish a terrain as one map."""
 
 from __future__ import annotations
 
@@ -57,25 +57,14 @@ class MapPublication:
         """
         self._run, self._terrain = run, terrain
         self._publishers = MapPublishers(node)
-        self._next_tick, self._revision = 0, -1
+        self._revision = -1
 
     def begin(self, stamp: Time) -> None:
         """Publish the terrain with which a run begins, or continues."""
-        self._next_tick = 0
         self.send_all(stamp)
 
-    def update(self, tick: int, map_updates: Rows, stamp: Time) -> None:
-        """Publish the terrain after a tick, if it has changed and is due.
-
-        Args:
-            tick: number of the tick.
-            map_updates: its MAP_UPDATE rows.
-            stamp: its end.
-        """
-        if tick >= self._next_tick:
-            params = self._run.params
-            self._next_tick = tick + max(1, round(1.0 / (params.map_rate * params.tick_period)))
-            self.publish_if_changed(stamp)
+    def record_tick(self, map_updates: Rows, stamp: Time) -> None:
+        """Do nothing: a map is made of the terrain as it is when it is published."""
 
     def publish_if_changed(self, stamp: Time) -> None:
         """Publish the terrain if it has changed since it was published."""

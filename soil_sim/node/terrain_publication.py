@@ -39,13 +39,13 @@ class TerrainPublication:
         is_large = grid.rows * grid.cols > MAX_MAP_CELLS
         self._surface = (TilePublication if is_large else MapPublication)(node, run, self._terrain)
         self._view = ViewPublication(node, run)
-        self._next_tick, self._revision = 0, -1  # of the volumes of the design
+        self._next_tick, self._revision = 0, -1  # the revision is that of the published volumes
 
     def begin(self, stamp: Time) -> None:
         """Publish the terrain with which a run begins, or continues."""
         self._next_tick, self._revision = 0, self._run.endpoint.soil.revision
         self._surface.begin(stamp)
-        self._view.begin(stamp)
+        self._view.publish_if_changed(stamp)
         self._publish_cut_fill()
 
     def update(self, tick: int, map_updates: Rows, stamp: Time) -> None:
@@ -56,12 +56,11 @@ class TerrainPublication:
             map_updates: its MAP_UPDATE rows.
             stamp: its end.
         """
-        self._surface.update(tick, map_updates, stamp)
-        self._view.update(tick, stamp)
+        self._surface.record_tick(map_updates, stamp)
         if tick >= self._next_tick:
             params = self._run.params
             self._next_tick = tick + max(1, round(1.0 / (params.map_rate * params.tick_period)))
-            self._publish_cut_fill_if_changed()
+            self.publish_if_changed(stamp)
 
     def update_for_new_subscribers(self, stamp: Time) -> None:
         """Publish what a new subscriber does not receive otherwise."""
@@ -72,17 +71,14 @@ class TerrainPublication:
         """Publish the terrain if it has changed since it was published."""
         self._surface.publish_if_changed(stamp)
         self._view.publish_if_changed(stamp)
-        self._publish_cut_fill_if_changed()
-
-    def send_all(self, stamp: Time) -> None:
-        """Publish all of the present terrain, for a machine that joins."""
-        self._surface.send_all(stamp)
-
-    def _publish_cut_fill_if_changed(self) -> None:
         revision = self._run.endpoint.soil.revision
         if revision != self._revision:
             self._revision = revision
             self._publish_cut_fill()
+
+    def send_all(self, stamp: Time) -> None:
+        """Publish all of the present terrain, for a machine that joins."""
+        self._surface.send_all(stamp)
 
     def _publish_cut_fill(self) -> None:
         now = self._run.cut_fill

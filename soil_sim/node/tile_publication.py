@@ -46,6 +46,7 @@ _MAX_WAITS = 4
 """Number of calls for which all tiles are withheld until a new subscriber is matched."""
 
 _TILE_BYTES = TILE_SIZE**2 * TERRAIN_TILE.itemsize
+"""Size of the points of a tile."""
 
 _CALLS_WHILE_LATE = 2
 """Number of calls for each tile while ticks are late."""
@@ -55,7 +56,7 @@ _FULL_ROUND_TIME = 30.0
 
 
 class TilePublication:
-    """Publishes the terrain of a run as tiles, and at a rate those that changed."""
+    """Publishes the terrain of a run as tiles; `begin` comes before all else."""
 
     def __init__(self, node: Node, run: SoilRun, terrain: Callable[[], TerrainMap]) -> None:
         """
@@ -67,29 +68,28 @@ class TilePublication:
         self._node, self._run, self._terrain = node, run, terrain
         self._publisher = node.create_publisher(PointCloud2, topics.TERRAIN_TILES, qos.TILES)
         self._subscriptions: set[bytes] = set()  # those that were sent a full round
-        self._published = PublishedCells(terrain())
+        self._published: PublishedCells
         self._queue: deque[TileOutline] = deque()  # tiles of the present round
         self._round = TileRound(0, 0, 0, 0, 0, 0)
         self._stamp = self._round_stamp = Time()
         self._is_full_due = self._is_changed_due = False
-        self._next_tick = self._next_full_tick = self._num_calls = 0
+        self._next_full_tick = self._num_calls = 0
         self._last_tick_time = 0.0  # monotonic clock [s]
         self._num_waits = 0  # for a new subscriber to be matched
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = node.create_timer(_SEND_PERIOD, self._send, clock=steady)
+        self._timer.cancel()
 
     def begin(self, stamp: Time) -> None:
         """Publish the terrain with which a run begins, or continues."""
         self._published = PublishedCells(self._terrain())
         self._queue.clear()
-        self._next_tick = 0
         self.send_all(stamp)
 
-    def update(self, tick: int, map_updates: Rows, stamp: Time) -> None:
-        """Note the changes of a tick, and publish changed tiles if they are due.
+    def record_tick(self, map_updates: Rows, stamp: Time) -> None:
+        """Note the changes of a tick.
 
         Args:
-            tick: number of the tick.
             map_updates: its MAP_UPDATE rows.
             stamp: its end.
         """
@@ -98,10 +98,6 @@ class TilePublication:
         material = self._run.endpoint.soil.columns.material
         self._published.update(map_updates, material, difference)
         self._stamp, self._last_tick_time = stamp, time.monotonic()
-        if tick >= self._next_tick:
-            params = self._run.params
-            self._next_tick = tick + max(1, round(1.0 / (params.map_rate * params.tick_period)))
-            self.publish_if_changed(stamp)
 
     def publish_if_changed(self, stamp: Time) -> None:
         """Publish the tiles that changed since the last round."""

@@ -18,7 +18,7 @@ __all__ = ["ViewPublication"]
 
 
 class ViewPublication:
-    """Publishes a view at the rate of maps, if it has changed and is subscribed."""
+    """Publishes a view, if it is subscribed."""
 
     def __init__(self, node: Node, run: SoilRun) -> None:
         """
@@ -30,20 +30,7 @@ class ViewPublication:
         self._publisher = node.create_publisher(
             PointCloud2, topics.TERRAIN_VIEW, qos.TRANSIENT_LOCAL
         )
-        self._next_tick = 0
         self._last: tuple[object, ...] | None = None  # what the last view shows
-
-    def begin(self, stamp: Time) -> None:
-        """Publish the view of a run that begins."""
-        self._next_tick = 0
-        self.publish_if_changed(stamp)
-
-    def update(self, tick: int, stamp: Time) -> None:
-        """Publish the view after a tick, if it is due."""
-        if tick >= self._next_tick:
-            params = self._run.params
-            self._next_tick = tick + max(1, round(1.0 / (params.map_rate * params.tick_period)))
-            self.publish_if_changed(stamp)
 
     def publish_if_changed(self, stamp: Time) -> None:
         """Publish the view if terrain or parameters have changed, and it is subscribed."""
