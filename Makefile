@@ -128,8 +128,12 @@ chromium: ## install the browser that tests and films of the live page use, if t
 	fi
 
 test-slow: setup chromium ## the tests that take long: a colcon build, the whole demo, the page in a browser
-	@echo "==> Slow tests"
-	@$(BIN)/python -m pytest -m slow $(ARGS)
+	@failed=; \
+	stage() { echo "==> $$1"; shift; "$$@" || { code=$$?; [ $$code -eq 5 ] || failed="$$failed [$$*]"; }; }; \
+	stage "Slow tests that run in parallel" \
+	    $(BIN)/python -m pytest -m "slow and independent" $(PARALLEL) --dist=worksteal $(ARGS); \
+	stage "Slow tests, one at a time" $(BIN)/python -m pytest -m "slow and not independent" $(ARGS); \
+	if [ -n "$$failed" ]; then echo "make test-slow: failed:$$failed" >&2; exit 1; fi
 
 test-chaos: setup ## forged messages (200 rounds), overload, floods: the long form of the tests in test/chaos
 	@echo "==> Chaos tests"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +19,12 @@ from msg_bridge.contract.grid import Grid
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
 
-__all__ = ["INTERVAL", "SOIL", "DigRecord", "inside_bucket", "record_dig"]
+__all__ = ["INTERVAL", "DigRecord", "inside_bucket", "record_dig"]
 
 Array = NDArray[np.float64]
 
-SOIL = "dry sand"
-"""Kind of soil, without cohesion."""
+_SOIL = SoilParams(soil="spheres", soils=str(Path(__file__).with_name("bed_soil.yaml")))
+"""Soil without cohesion, with the angles of the bed of spheres."""
 
 INTERVAL = 0.05
 """Time between the records [s]."""
@@ -84,7 +85,7 @@ def record_dig(cell: float = 0.1) -> DigRecord:
     )
     spec = replace(spec, home=np.array([0.0, *path[0]]))
     grid = Grid(round(16.0 / cell) + 1, round(10.0 / cell) + 1, cell)
-    soil = Soil(grid, np.zeros(grid.shape), SoilParams(soil=SOIL))
+    soil = Soil(grid, np.zeros(grid.shape), _SOIL)
     sim = MachineSim([Placement(spec)], grid, soil.columns.height, soils=soil.loose_soils)
     world = World(soil, {1: sim})
     (machine,) = sim.simulated_machines

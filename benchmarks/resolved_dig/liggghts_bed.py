@@ -1,8 +1,8 @@
 """A bed of spheres in LIGGGHTS, through which a bucket follows a recorded path.
 
-The spheres are poured into a box, come to rest, and are levelled at z = 0. The bucket is a mesh of
-its plates, without thickness. It moves by short segments: with the velocity of its pin, and about
-its pin.
+The spheres are poured into a box, come to rest, and are levelled so that their bulk volume ends at
+z = 0. The bucket is a mesh of its plates, without thickness. It moves by short segments: with the
+velocity of its pin, and about its pin.
 """
 
 from __future__ import annotations
@@ -37,8 +37,11 @@ _POURED_HEIGHT = 1.25
 _PACKING = 0.60
 """Share of the bed's volume that is in spheres: measured, 0.599."""
 
-_SETTLING_TIME, _LEVELLING_TIME = 0.9, 0.3
+_SETTLING_TIME, _LEVELLING_TIME = 1.25, 0.25
 """Times in which the spheres come to rest, before and after the bed is levelled [s]."""
+
+_LEVELLING_HEIGHT = 0.8
+"""Height of the centres above which spheres are removed [radii]: the rest settles to z = 0."""
 
 _DUMPS_EVERY = 5
 """Segments between two records of all spheres."""
@@ -198,7 +201,7 @@ def _bed_lines(record: DigRecord, bed: Bed, num_steps: int) -> list[str]:
         "thermo_style custom step atoms ke",
         "thermo 500",
         f"run {settling}",
-        f"region above block INF INF INF INF {-0.5 * bed.radius:.9g} INF units box",
+        f"region above block INF INF INF INF {_LEVELLING_HEIGHT * bed.radius:.9g} INF units box",
         "delete_atoms region above compress no",
         f"run {levelling}",
         "fix bucket all mesh/surface/stress file bucket.stl type 2",
@@ -250,11 +253,13 @@ def _fill(record: DigRecord, bed: Bed, segment: int, position: Array) -> float:
 def _profile(record: DigRecord, bed: Bed, position: Array) -> Array:
     """Return the height of the ground at the positions of the profile [m]; NaN beyond the bed.
 
-    The bucket, and what is in it, do not count.
+    The bucket, and what is in it or heaped on it, do not count.
     """
     rotation, origin = _pose(record, len(record.times) - 1)
-    local = (position - origin) @ rotation
-    is_ground = ~inside_bucket(record.bucket, local) & (np.abs(position[:, 1]) <= 0.3)
+    outline = record.bucket.profile @ rotation[[0, 2]][:, [0, 2]].T + origin[[0, 2]]
+    (low, bottom), (high, _) = outline.min(axis=0), outline.max(axis=0)
+    is_over_bucket = (position[:, 0] > low) & (position[:, 0] < high) & (position[:, 2] > bottom)
+    is_ground = ~is_over_bucket & (np.abs(position[:, 1]) <= 0.3)
     points = position[is_ground & (position[:, 2] < 0.5)]
     half = 0.5 * abs(record.x[1] - record.x[0])
     profile = np.full(len(record.x), np.nan)

@@ -3,6 +3,7 @@
 - `sweep`: SWEEP rows of tools and tracks in a tick
 - `pending_soil`: excavated soil that becomes particles
 - `payload`: soil in a tool
+- `soil_level`: room of a bucket below the level of the soil ahead; `room`: as it is reported
 - `resistance`, `milling_resistance`: forces of the soil on tools that cut, rest and mill;
   `capped_spring_damper`: how they act
 - `tools`: the kinds of tools, one module each

@@ -207,7 +207,8 @@ class ToolSoilCoupling:
         row = min(max(round((grid.x_first - edge_x) / grid.cell), 0), grid.rows - 1)
         col = min(max(round((grid.y_first - edge_y) / grid.cell), 0), grid.cols - 1)
         swell: float = self._particles.soils[ground.soil[row, col]].swell
-        return 1e9 * free / (1.0 + swell) - self.pending.total_mm3
+        bank_mm3 = 1e9 * free / (1.0 + swell) - self.pending.total_mm3
+        return self.resistance.inflow_fraction * max(bank_mm3, 0.0)
 
     def reset(self) -> None:
         """Remove the soil forces and the room reported, which belong to earlier ticks of a run."""

@@ -117,6 +117,11 @@ class MillingResistance:
         )
 
     @property
+    def inflow_fraction(self) -> float:
+        """Return 1: a drum has no room that could fill up."""
+        return 1.0
+
+    @property
     def deliverable_work(self) -> float:
         """Work that the drum can deliver to the soil in a tick [J]."""
         speed, commanded = self._tool.drum_speed, self._tool.commanded_drum_speed

@@ -47,6 +47,10 @@ a machine."""
 _PUSH_TIME = 0.1
 """Time constant of the mean of the force of the soil in the tool [s]."""
 
+_INFLOW_MARGIN = 0.2
+"""Part of the resistance to cutting below which the soil in the tool must push for soil to enter
+without restriction."""
+
 _UPDATE_DISTANCE = 0.01
 """Distance [m] within which the largest resistance to cutting counts: at a stall the direction of
 motion changes from tick to tick."""
@@ -98,6 +102,18 @@ class SoilResistance:
     def deliverable_work(self) -> float:
         """Return 0: the tool does not mill."""
         return 0.0
+
+    @property
+    def inflow_fraction(self) -> float:
+        """Fraction of the room of the tool that the soil ahead can push soil into, from 0 to 1.
+
+        The soil in the tool resists with its push; at the resistance to cutting the soil ahead
+        yields instead.
+        """
+        if self.cut.max_force == 0.0:
+            return 1.0
+        share = 1.0 - self._transmitted() / self.cut.max_force
+        return min(max(share / _INFLOW_MARGIN, 0.0), 1.0)
 
     @property
     def state(self) -> Array:
@@ -179,11 +195,14 @@ class SoilResistance:
             self._mean_push[axis] += fraction * (push[axis] - self._mean_push[axis])
         if self.cut.max_force == 0.0:
             return 0.0
+        return max(self.cut.max_force - self._transmitted(), 0.0)
+
+    def _transmitted(self) -> float:
+        """Return the part of the resistance to cutting that the soil in the tool transmits [N]."""
         fx, fy, fz = self.cut.force.tolist()
         x, y, z = self._mean_push
-        against = (x * fx + y * fy + z * fz) / self.cut.max_force
-        remaining: float = max(self.cut.max_force - max(against, 0.0), 0.0)
-        return remaining
+        against: float = (x * fx + y * fy + z * fz) / self.cut.max_force
+        return max(against, 0.0)
 
 
 def _reset_if_released(contact: CappedSpringDamper, pose: Pose) -> None:

@@ -2,7 +2,8 @@
 
 - `earthmoving_equation`: force of soil on a blade (fundamental earthmoving equation)
 - `failure_wedge`: the same below a sloping surface, with soil that fails beside the blade
-- `surface_ahead`: depth and slope of the surface before an edge
+- `surface_ahead`: depth and slope of the surface before an edge; `uneven_surface`: factor of the
+  force before a berm or a bank
 - `rock_pick`: force of rock on a conical pick (Evans, Goktan)
 - `strength_table`: soil properties and terrain data that the force kernels read
 - `wrench`: sums of forces, reduced to force, torque and point of application

@@ -9,12 +9,15 @@ ahead of it, so uneven ground, mixed soils and an edge partly in the air need no
   tool; a plate without other plates cuts with both faces. n is perpendicular to the travel and the
   edge, and the inner face points along t and n: for a bucket dragged through level ground n is up.
   The force is H against t, V along n.
-- **Rake.** If the outer face leads slightly while the edge is still in front (too small a clearance
-  angle), the rake is the minimum rake of the theory. If the edge does not lead, the tool backs out
-  of the cut, and the resistance is zero.
+- **Rake.** That of the chord from the edge to the point at which the plates meet the surface: a
+  curved bucket resists as the plane plate that its soil lies against. If the outer face leads
+  slightly while the edge is still in front (too small a clearance angle), the rake is the minimum
+  rake of the theory. If the edge does not lead, the tool backs out of the cut, and the resistance
+  is zero.
 - **Surface.** A straight line through the surface ahead, along the wedge that fails, extended to
   the edge (`surface_ahead`): the same for any cell size and direction. Depth and slope are those of
-  this line, and the force is that of a wedge below a sloping surface (`failure_wedge`).
+  this line, and the force is that of a wedge below a sloping surface (`failure_wedge`), times a
+  factor where the surface is uneven, as before a berm (`uneven_surface`).
 - **Inclined travel.** Travel along the slope, or into the surface, turns the blade with it: gravity
   and the surface keep their directions. So the rake to the horizontal is that to the travel less
   the climb angle of the travel. The rest of a climb, out of the surface, does not turn the wedge.
@@ -22,7 +25,8 @@ ahead of it, so uneven ground, mixed soils and an edge partly in the air need no
   1 + n_z, which is zero for n straight down. If it climbs out, the depth is measured perpendicular
   to the travel: for a level edge it is multiplied by the cosine of that angle, which is zero for
   vertical motion.
-- **Ends.** At both ends of the edge soil fails in crescents, as far as there is soil beside them.
+- **Ends.** At both ends of the edge soil fails in crescents, whose volume is proportional to the
+  cube of the depth beside them.
 - **Surcharge** is the weight of the soil above the top of the tool, up to the height of the tool.
   Soil *in* the tool is not a surcharge, because its particles press on the tool themselves.
 - **Soil** has the kind and moisture of the column ahead. Cohesion counts for the firm part of the
@@ -39,11 +43,14 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from msg_bridge.kernels import helper
 from soil_sim.tool_force.failure_wedge import wedge_force
 from soil_sim.tool_force.rock_pick import goktan_force
 from soil_sim.tool_force.strength_table import loose_cover, packed_share
-from soil_sim.tool_force.surface_ahead import depth_at, surface_ahead
+from soil_sim.tool_force.surface_ahead import NUM_SAMPLES, depth_at, surface_ahead
+from soil_sim.tool_force.uneven_surface import uneven_surface_factor
 from soil_sim.tool_force.wrench import add_force
 from soil_sim.vec3 import add, cross, divide, dot, key_point, norm, scale, subtract
 
@@ -157,29 +164,59 @@ def add_edge_force(points, origin, columns, grid_layout, strength, sums):  # typ
     left, right = key_point(points, 0, 1), key_point(points, 1, 1)
     across = subtract(right, left)
     t, n = travel.direction, travel.normal
+    samples = np.empty(NUM_SAMPLES)
     ends = (
-        _end_fraction(left, scale(-1.0, across), travel, columns, grid_layout),
-        _end_fraction(right, across, travel, columns, grid_layout),
+        _end_fraction(left, scale(-1.0, across), travel, columns, grid_layout, samples),
+        _end_fraction(right, across, travel, columns, grid_layout, samples),
     )
     ends_per_width = (ends[0] + ends[1]) / travel.width
     for strip in range(NUM_STRIPS):
         at = add(left, scale((strip + 0.5) / NUM_STRIPS, across))
-        i, below, slope, cover = surface_ahead(
-            at[0], at[1], at[2], travel.ahead, travel.height, columns, grid_layout
+        surface = surface_ahead(
+            at[0], at[1], at[2], travel.ahead, travel.height, columns, grid_layout, samples
         )
-        if i < 0 or below <= 0.0:
+        below = surface.depth
+        if surface.column < 0 or below <= 0.0:
             continue
-        turn, factor = _turn_and_depth_factor(travel, slope)
+        turn, factor = _turn_and_depth_factor(travel, surface.slope)
         width, depth = travel.width / NUM_STRIPS, factor * below
         if depth <= 0.0:
             continue
         num_ends = ends[0] if strip == 0 else ends[1] if strip == NUM_STRIPS - 1 else 0.0
         cutting, normal = blade_strip_force(
-            i, below, min(cover, travel.height), depth, width, (num_ends, ends_per_width),
-            travel.rake, turn, slope, columns, strength,
+            surface, samples, travel.height, depth, width, (num_ends, ends_per_width),
+            _rake_below(points, travel, max(below, surface.at_edge)), turn, columns, strength,
         )  # fmt: skip
         x, y, z = subtract(at, origin)
         add_force(sums, (x, y, z + depth / 3.0), subtract(scale(normal, n), scale(cutting, t)))
+
+
+@helper
+def _rake_below(points, travel, depth):  # type: ignore[no-untyped-def]
+    """Return the rake of the plates below a surface [rad]: of the chord from the edge to it.
+
+    It ends where the plates do not rise further. If its outer face leads, the rake is that of the
+    first plate.
+
+    Args:
+        points: start and end of the key points [m], shape (rows, 2, 3).
+        travel: `_Travel` of the tool.
+        depth: height of the surface above the edge [m].
+    """
+    edge = scale(0.5, add(key_point(points, 0, 1), key_point(points, 1, 1)))
+    top = edge
+    for row in range(2, len(points) - 1, 2):
+        upper = scale(0.5, add(key_point(points, row, 1), key_point(points, row + 1, 1)))
+        if upper[2] <= top[2]:
+            break
+        excess = upper[2] - edge[2] - depth
+        if excess >= 0.0:
+            top = subtract(upper, scale(excess / (upper[2] - top[2]), subtract(upper, top)))
+            break
+        top = upper
+    chord = subtract(top, edge)
+    behind, beside = -dot(chord, travel.direction), dot(chord, travel.normal)
+    return math.atan2(beside, behind) if beside > 0.0 else travel.rake
 
 
 @helper(inline="always")
@@ -208,47 +245,49 @@ def _turn_and_depth_factor(travel, slope):  # type: ignore[no-untyped-def]
 
 
 @helper(inline="always")
-def _end_fraction(end, outward, travel, columns, grid_layout):  # type: ignore[no-untyped-def]
+def _end_fraction(end, outward, travel, columns, grid_layout, samples):  # type: ignore[no-untyped-def]
     """Return the fraction of a crescent that fails beside an end of an edge.
 
     Args:
         end: the end [m].
         outward: vector along the edge, out of that end; any length.
         travel, columns, grid_layout: as for `add_edge_force`.
+        samples: out, see `surface_ahead`.
     """
     length = math.hypot(outward[0], outward[1])
-    i, depth, _, _ = surface_ahead(
-        end[0], end[1], end[2], travel.ahead, travel.height, columns, grid_layout
+    surface = surface_ahead(
+        end[0], end[1], end[2], travel.ahead, travel.height, columns, grid_layout, samples
     )
-    if length < 1e-6 or i < 0 or depth <= 0.0:
+    depth = surface.depth
+    if length < 1e-6 or surface.column < 0 or depth <= 0.0:
         return 0.0
     ox, oy = outward[0] / length, outward[1] / length
     aside = _END_CLEARANCE_CELLS * grid_layout.cell * (abs(ox) + abs(oy))
     beside = depth_at(end[0] + aside * ox, end[1] + aside * oy, end[2], columns, grid_layout)
     fraction = min(max(beside / depth, 0.0), 1.0)
-    return fraction * fraction
+    return fraction * fraction * fraction
 
 
 @helper
 def blade_strip_force(  # type: ignore[no-untyped-def]
-    i, below, above, depth, width, ends, rake, turn, slope, columns, strength
+    surface, samples, height, depth, width, ends, rake, turn, columns, strength
 ):
     """Return the forces on a strip of a blade: (against the travel, perpendicular to it) [N].
 
     Args:
-        i: flat index of the column ahead of the strip.
-        below: depth of the lower end of the strip below the surface ahead, at most its height [m].
-        above: height of the soil above the upper end of the strip that lies on the wedge [m].
+        surface: `SurfaceAhead` of the strip.
+        samples: heights of that surface, as written by `surface_ahead`; its first column on.
+        height: height of the strip [m].
         depth: part of that depth that resists [m].
         width: width of the strip [m].
         ends: number of ends of the blade in the strip beside which soil fails, and that of the
             whole blade over its width [1/m].
         rake: rake of the strip to the travel [rad].
         turn: angle by which the travel turns the blade [rad]; see `_turn_and_depth_factor`.
-        slope: slope of the surface ahead [rad].
         columns: `ForceColumns` of the terrain.
         strength: `strength_table` of its kinds of soil.
     """
+    i, below, above = surface.column, surface.depth, min(surface.cover, height)
     # The loose soil is on top: that above the tool is a surcharge, and no part of the cut.
     firm_depth = max(below + above - loose_cover(columns, i), 0.0)
     firm_fraction = min(firm_depth / below, 1.0)
@@ -278,9 +317,15 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
         cohesion *= 1.0 + packed * (strength[kind].packed_strength - 1.0)
         adhesion = strength[kind].adhesion[columns.moisture[i]]
     horizontal, vertical = wedge_force(
-        width, ends[0], ends[1], depth, rake - turn, slope, surcharge, gamma, strength[kind].phi,
-        strength[kind].delta, cohesion, adhesion,
+        width, ends[0], ends[1], depth, rake - turn, surface.slope, surcharge, gamma,
+        strength[kind].phi, strength[kind].delta, cohesion, adhesion,
     )  # fmt: skip
+    if gamma > 0.0:
+        factor = uneven_surface_factor(
+            surface, samples, rake - turn, strength[kind].phi, strength[kind].delta,
+            cohesion / gamma, ends[1],
+        )  # fmt: skip
+        horizontal, vertical = factor * horizontal, factor * vertical
     # From the frame of the wedge to that of the travel.
     cos, sin = math.cos(turn), math.sin(turn)
     return (

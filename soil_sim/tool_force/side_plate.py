@@ -11,9 +11,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from msg_bridge.kernels import helper
 from soil_sim.tool_force.cutting_edge import MIN_TRAVEL, NUM_STRIPS, blade_strip_force
-from soil_sim.tool_force.surface_ahead import surface_ahead
+from soil_sim.tool_force.surface_ahead import NUM_SAMPLES, surface_ahead
 from soil_sim.tool_force.wrench import add_force
 from soil_sim.vec3 import add, divide, dot, key_point, norm, scale, subtract
 
@@ -59,16 +61,16 @@ def add_side_plate_force(points, origin, columns, grid_layout, strength, sums): 
     width = (high - low) / NUM_STRIPS
     if width < 1e-6:
         return
+    samples = np.empty(NUM_SAMPLES)
     for strip in range(NUM_STRIPS):
         x, y, bottom, top = _side_outline_at(points, first, ax, ay, low + (strip + 0.5) * width)
-        i, depth, slope, cover = surface_ahead(
-            x, y, bottom, (ax, ay), top - bottom, columns, grid_layout
-        )
-        if i < 0 or depth < 1e-6:
+        surface = surface_ahead(x, y, bottom, (ax, ay), top - bottom, columns, grid_layout, samples)
+        depth = surface.depth
+        if surface.column < 0 or depth < 1e-6:
             continue
         cutting, _ = blade_strip_force(
-            i, depth, min(cover, top - bottom), depth, width * abs(lateral_fraction), (0.0, 0.0),
-            0.5 * math.pi, 0.0, slope, columns, strength,
+            surface, samples, top - bottom, depth, width * abs(lateral_fraction), (0.0, 0.0),
+            0.5 * math.pi, 0.0, columns, strength,
         )  # fmt: skip
         at = x - origin[0], y - origin[1], bottom + depth / 3.0 - origin[2]
         add_force(sums, at, scale(-cutting, t))

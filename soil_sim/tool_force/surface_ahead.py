@@ -1,7 +1,9 @@
 """The surface of the soil ahead of an edge, as a straight line over the failure wedge.
 
 The column under an edge and those beside it are cut already, so the surface is sampled from where
-no sample depends on them, and extended from there to the edge. The line has the mean height of the
+no sample depends on them, and extended from there to the edge: firm soil with its slope, and loose
+soil on it with its depth, because a berm that a tool pushes is level where it meets the tool. The
+line has the mean height of the
 surface over the wedge, and its height where the wedge ends: so the wedge under it has the weight
 and the end of the real one, also where a berm lies before the tool. A plane is reproduced exactly,
 for any cell size and direction. Where soil stands higher than the tool, what is above its top is a
@@ -11,14 +13,15 @@ surcharge: a blade at the foot of a wall does not push the whole wall.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from msg_bridge.kernels import helper
-from soil_sim.tool_force.strength_table import column_index_at
+from soil_sim.tool_force.strength_table import column_index_at, loose_cover
 
-__all__ = ["depth_at", "surface_ahead"]
+__all__ = ["NUM_SAMPLES", "SurfaceAhead", "depth_at", "surface_ahead"]
 
-_NUM_INTERVALS = 4
-"""Number of intervals between samples of the surface ahead of a strip."""
+NUM_SAMPLES = 7
+"""Number of samples of the surface ahead of a strip."""
 
 _WEDGE_LENGTH = 2.0
 """Length of the failure wedge, from the edge on, in depths: cot(beta) in most soils."""
@@ -31,9 +34,36 @@ _MAX_TANGENT = 1.0
 """Maximum slope of the line, as a tangent: steeper soil is a step, and not a surface to extend."""
 
 
+class SurfaceAhead(NamedTuple):
+    """The soil ahead of a point of an edge.
+
+    Attributes:
+        column: flat index of the nearest column ahead that is not cut yet; -1 outside of the map.
+        depth: depth of the point below the line, at most the height of the tool [m]; 0 or less
+            above it.
+        slope: angle of the line to the horizontal [rad], positive if it rises ahead.
+        cover: mean height of the soil above the top of the tool [m].
+        line_depth: depth of the point below the line [m].
+        start, spacing: distance of the first sample from the point, and between samples [m]; a
+            spacing of 0 without samples.
+        at_edge: height of the surface, extended to the point, above it [m].
+        near_tangent: slope with which it is extended.
+    """
+
+    column: int
+    depth: float
+    slope: float
+    cover: float
+    line_depth: float
+    start: float
+    spacing: float
+    at_edge: float
+    near_tangent: float
+
+
 @helper
-def surface_ahead(x, y, z, direction, height, columns, grid_layout):  # type: ignore[no-untyped-def]
-    """Return the soil ahead of a point of an edge: (column, depth, slope, cover).
+def surface_ahead(x, y, z, direction, height, columns, grid_layout, samples):  # type: ignore[no-untyped-def]
+    """Return the soil ahead of a point of an edge, as `SurfaceAhead`.
 
     Args:
         x, y, z: the point [m].
@@ -41,61 +71,65 @@ def surface_ahead(x, y, z, direction, height, columns, grid_layout):  # type: ig
         height: height of the tool above the point [m].
         columns: `ForceColumns` of the terrain.
         grid_layout: `GridLayout` of the terrain.
-
-    Returns:
-        column: flat index of the nearest column ahead that is not cut yet; -1 outside of the map.
-        depth: depth of the point below the line [m]; 0 or less above it.
-        slope: angle of the line to the horizontal [rad], positive if it rises ahead.
-        cover: mean height of the soil above the top of the tool [m].
+        samples: out, heights of the surface above the point, up to the top of the tool [m], at
+            equal distances, shape (`NUM_SAMPLES`,).
     """
     ax, ay = direction
     reach = grid_layout.cell * (abs(ax) + abs(ay))
     start = _CLEARANCE_CELLS * reach
     column = column_index_at(x + start * ax, y + start * ay, grid_layout)
     if column < 0:
-        return -1, 0.0, 0.0, 0.0
+        return SurfaceAhead(-1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     first = _height_at(x + start * ax, y + start * ay, columns, grid_layout)
     if reach <= 0.0:
-        return column, min(first - z, height), 0.0, max(first - z - height, 0.0)
+        depth, cover = min(first - z, height), max(first - z - height, 0.0)
+        return SurfaceAhead(column, depth, 0.0, cover, depth, 0.0, 0.0, depth, 0.0)
     end = max(_WEDGE_LENGTH * min(max(first - z, 0.0), height), start + reach)
-    depth, tangent, cover = _line(
-        x, y, z, direction, start, end, reach, math.inf, columns, grid_layout
-    )
-    if depth > height:
-        depth, tangent, cover = _line(
-            x, y, z, direction, start, end, reach, z + height, columns, grid_layout
+    spacing = (end - start) / (NUM_SAMPLES - 1)
+    for k in range(NUM_SAMPLES):
+        s = start + k * spacing
+        samples[k] = _height_at(x + s * ax, y + s * ay, columns, grid_layout) - z
+    near_tangent = _limited(
+        (
+            _firm_height_at(
+                x + (start + reach) * ax, y + (start + reach) * ay, columns, grid_layout
+            )
+            - _firm_height_at(x + start * ax, y + start * ay, columns, grid_layout)
         )
-    return column, min(depth, height), math.atan(tangent), cover
+        / reach
+    )
+    depth, tangent = _line(samples, start, spacing, near_tangent)
+    cover = 0.0
+    if depth > height:
+        if samples[0] > height:
+            near_tangent = 0.0
+        for k in range(NUM_SAMPLES):
+            cover += max(samples[k] - height, 0.0)
+            samples[k] = min(samples[k], height)
+        depth, tangent = _line(samples, start, spacing, near_tangent)
+    at_edge = samples[0] - start * near_tangent
+    return SurfaceAhead(
+        column, min(depth, height), math.atan(tangent), cover / NUM_SAMPLES, depth, start, spacing,
+        at_edge, near_tangent,
+    )  # fmt: skip
 
 
 @helper
-def _line(x, y, z, direction, start, end, reach, top, columns, grid_layout):  # type: ignore[no-untyped-def]
-    """Return the line over a wedge: (depth of the edge below it, tangent, cover).
+def _line(samples, start, spacing, near_tangent):  # type: ignore[no-untyped-def]
+    """Return the line over a wedge: (depth of the edge below it [m], tangent).
 
     Args:
-        x, y, z: point of the edge [m].
-        direction: horizontal unit vector ahead.
-        start, end: distances from the edge at which the surface is sampled first and last [m].
-        reach: distance ahead over which the surface is extended to the edge [m].
-        top: height above which soil is cover [m].
-        columns, grid_layout: as for `surface_ahead`.
+        samples: heights of the surface above the edge [m].
+        start, spacing: distances of the samples [m].
+        near_tangent: slope with which the surface is extended to the edge.
     """
-    ax, ay = direction
-    first = _height_at(x + start * ax, y + start * ay, columns, grid_layout)
-    beyond = _height_at(x + (start + reach) * ax, y + (start + reach) * ay, columns, grid_layout)
-    cover, last = max(first - top, 0.0), min(first, top)
-    near_tangent = _limited((min(beyond, top) - last) / reach)
-    area = start * (last - 0.5 * start * near_tangent)
-    spacing = (end - start) / _NUM_INTERVALS
-    for k in range(_NUM_INTERVALS):
-        s = start + (k + 1) * spacing
-        h = _height_at(x + s * ax, y + s * ay, columns, grid_layout)
-        cover += max(h - top, 0.0)
-        area += 0.5 * spacing * (last + min(h, top))
-        last = min(h, top)
+    area = start * (samples[0] - 0.5 * start * near_tangent)
+    for k in range(1, NUM_SAMPLES):
+        area += 0.5 * spacing * (samples[k - 1] + samples[k])
+    end = start + (NUM_SAMPLES - 1) * spacing
     mean = area / end
-    tangent = _limited(2.0 * (last - mean) / end)
-    return mean - 0.5 * end * tangent - z, tangent, cover / (_NUM_INTERVALS + 1)
+    tangent = _limited(2.0 * (samples[NUM_SAMPLES - 1] - mean) / end)
+    return mean - 0.5 * end * tangent, tangent
 
 
 @helper(inline="always")
@@ -118,14 +152,33 @@ def _height_at(x, y, columns, grid_layout):  # type: ignore[no-untyped-def]
 
     Outside of the map it is that of the nearest column.
     """
+    i, u, v = _position_between_columns(x, y, grid_layout)
+    cols, height = grid_layout.cols, columns.height
+    return (1.0 - u) * ((1.0 - v) * height[i] + v * height[i + 1]) + u * (
+        (1.0 - v) * height[i + cols] + v * height[i + cols + 1]
+    )
+
+
+@helper
+def _firm_height_at(x, y, columns, grid_layout):  # type: ignore[no-untyped-def]
+    """Return the height of the firm soil at a point [m], as `_height_at`."""
+    i, u, v = _position_between_columns(x, y, grid_layout)
+    total = 0.0
+    for k in range(4):
+        column = i + (grid_layout.cols if k >= 2 else 0) + k % 2
+        weight = (u if k >= 2 else 1.0 - u) * (v if k % 2 else 1.0 - v)
+        total += weight * (columns.height[column] - loose_cover(columns, column))
+    return total
+
+
+@helper(inline="always")
+def _position_between_columns(x, y, grid_layout):  # type: ignore[no-untyped-def]
+    """Return the flat index of the first of the four columns around a point, and fractions.
+
+    The fractions are those of the way to the next row and to the next column, 0 to 1.
+    """
     rows, cols, cell, x_first, y_first = grid_layout
     u = min(max((x_first - x) / cell, 0.0), rows - 1.0)
     v = min(max((y_first - y) / cell, 0.0), cols - 1.0)
     row, col = min(int(u), rows - 2), min(int(v), cols - 2)
-    u -= row
-    v -= col
-    i = row * cols + col
-    height = columns.height
-    return (1.0 - u) * ((1.0 - v) * height[i] + v * height[i + 1]) + u * (
-        (1.0 - v) * height[i + cols] + v * height[i + cols + 1]
-    )
+    return row * cols + col, u - row, v - col

@@ -56,6 +56,7 @@ def test_swing_through_the_ground_leaves_an_even_windrow_along_the_trench(make_r
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_random_joystick_has_no_outlier(make_run, seed: int) -> None:

@@ -23,6 +23,7 @@ def make_operator() -> Iterator[Callable[[TrackModel, int], RandomOperator]]:
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("model", TRACK_MODELS)

@@ -234,6 +234,7 @@ def test_columns_that_a_window_has_left_are_checked_once() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 @settings(deadline=None, max_examples=150)
 @given(site=sites())
 def test_many_random_inputs_keep_volume_and_slopes_come_to_rest(site: Site) -> None:

@@ -3,6 +3,7 @@
 Soil enters a bucket over its cutting edge and through its opening, not through its sides: of what a
 bucket sweeps while it is swung through the ground, its leading side pushes the soil ahead. The room
 that it reports to the soil is therefore multiplied by the part of its motion that is not sideways.
+It fills as far as its heaped capacity, and as the soil before it is high (`soil_level`).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import math
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.tool_soil.payload import Payload, measure_payload
+from machine_sim.tool_soil.soil_level import room_below_level
 from machine_sim.tool_soil.tools.interaction import ToolMotion
 from machine_sim.tool_soil.tools.plate_cutting import PlateCutting
 from msg_bridge.contract.rows import Rows
@@ -46,5 +48,9 @@ class BucketInteraction(PlateCutting):
         return measure_payload(self._container, particles, pose)
 
     def free_volume(self, payload: Payload, particles: SoilEngine, pose: Pose) -> float:
-        """Return what its heaped capacity exceeds its load by [m^3]; negative if overfull."""
-        return self._container.heaped_capacity - payload.loose_m3
+        """Return the room up to its heaped capacity and to the level of the soil ahead [m^3].
+
+        It is negative if the bucket is fuller.
+        """
+        room = self._container.heaped_capacity - payload.loose_m3
+        return min(room, room_below_level(self._container, particles, pose))

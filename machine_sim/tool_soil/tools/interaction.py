@@ -100,6 +100,11 @@ class ToolResistance(Protocol):
         ...
 
     @property
+    def inflow_fraction(self) -> float:
+        """Fraction of the room of the tool that the soil ahead can push soil into, 0 to 1."""
+        ...
+
+    @property
     def deliverable_work(self) -> float:
         """Work that a drum can deliver to the soil in a tick [J]; 0 for any other tool."""
         ...
@@ -211,6 +216,7 @@ class NoResistance:
     """Resistance of a tool that the ground exerts no force on."""
 
     is_active = False
+    inflow_fraction = 1.0
     deliverable_work = 0.0
     state: Array = np.zeros(0)
 

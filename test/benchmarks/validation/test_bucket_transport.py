@@ -29,6 +29,7 @@ def test_particles_beside_the_bucket_do_not_count():
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 @pytest.mark.parametrize("allow_load_locking", [True, False])
 def test_full_bucket_keeps_its_soil_and_empties(allow_load_locking):
     result = transport_soil(SOIL, 2000, allow_load_locking=allow_load_locking)
@@ -46,6 +47,7 @@ def test_full_bucket_keeps_its_soil_and_empties(allow_load_locking):
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 @pytest.mark.parametrize("allow_load_locking", [True, False])
 def test_heaped_bucket_keeps_its_heap_during_a_swing(allow_load_locking):
     result = transport_soil(SOIL, 2000, fill=1.15, allow_load_locking=allow_load_locking)
@@ -56,6 +58,7 @@ def test_heaped_bucket_keeps_its_heap_during_a_swing(allow_load_locking):
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 def test_wet_clay_sticks_and_pours_later_than_loam():
     """Over ten loads it began to pour 8 to 17 degrees later, and ended 10 or more later."""
     soils = load_soil_types()

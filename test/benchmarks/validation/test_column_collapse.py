@@ -38,12 +38,11 @@ def test_higher_column_has_a_longer_runout(collapse, law):
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 @pytest.mark.timeout(1200)
 @SHAPES
-@pytest.mark.parametrize(
-    ("aspect", "count"), [(0.5, 100_000), (1.0, 20_000), (2.0, 20_000), (3.0, 20_000)]
-)
-def test_runout_follows_the_law(collapse, aspect, count):
-    result = collapse(SOIL, aspect, count, capacity=count)
+@pytest.mark.parametrize("aspect", [1.0, 2.0, 3.0])  # flatter columns need 100,000 particles
+def test_runout_follows_the_law(collapse, aspect):
+    result = collapse(SOIL, aspect, 20_000, capacity=20_000)
     assert result.aspect == pytest.approx(aspect, rel=0.05)
     assert result.ratio == pytest.approx(1.0, abs=0.15), result

@@ -58,6 +58,7 @@ def test_head_that_does_not_spin_removes_no_rock(rock: FaceSite) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 def test_loam_is_faster_than_rock_and_hardly_brakes_the_head_by_cuttings() -> None:
     (rock, rock_time), (loam, loam_time) = mill_face("rock"), mill_face("loam")
     assert abs(rock.imbalance) < 0.05

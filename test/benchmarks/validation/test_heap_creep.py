@@ -19,6 +19,7 @@ def test_small_heap_comes_to_rest():
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 def test_heap_at_rest_does_not_creep():
     result = resting_heap(SOIL, 5000, duration=60.0, allow_sleeping=False)
     assert result.energy < 1e-8

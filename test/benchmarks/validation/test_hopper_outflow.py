@@ -47,6 +47,7 @@ def test_jammed_bin_is_an_error():
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 @pytest.mark.timeout(900)
 def test_outflow_grows_with_the_effective_diameter_to_the_power_of_two_and_a_half():
     flows = [measure_outflow(SOIL, opening) for opening in hopper_outflow.OPENINGS]

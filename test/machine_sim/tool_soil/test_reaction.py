@@ -45,10 +45,10 @@ class Dig:
         self.world = World(ground, {1: self.sim})
         self.move([0.0] * 4, 0.5)
 
-    def bury(self) -> None:
-        """Drag the bucket 1.3 m into the ground."""
+    def bury(self, seconds: float = 3.0) -> None:
+        """Drag the bucket into the ground, 1.1 m deep in 3 s."""
         self.reach(-0.1, 1.6, 0.3)
-        self.move([0.0] * 4, 3.0, tracks=-0.5)
+        self.move([0.0] * 4, seconds, tracks=-0.5)
         self.move([0.0] * 4, 0.3)
 
     def step(self) -> None:
@@ -130,13 +130,13 @@ def test_bucket_pushed_down_at_full_reach_lifts_the_front(dig, tracks) -> None:
 def test_strong_soil_stalls_the_arm_at_its_relief_pressure(dig) -> None:
     d = dig("dry clay")
     relief = d.machine.spec.supply.main_relief_pressure
-    d.bury()
+    d.bury(6.0)
     d.move([0.0, 0.0, 0.5, 0.0], 1.25)
     before, pressures = d.machine.joint_positions[2], []
     for _ in range(75):
         d.step()
         pressures.append(d.machine.cylinders["arm"].cap_side_pressure)
-    # 0.35 to 0.49 of the commanded motion in six variants of the scene; soil yields now and then.
+    # 0.2 to 0.3 of the commanded motion in variants of the scene; soil yields now and then.
     assert d.machine.joint_positions[2] - before < 0.6 * 0.5 * 0.75
     assert max(pressures) == pytest.approx(relief, rel=0.01)
     assert np.median(pressures) > 0.8 * relief, "it yields now and then"

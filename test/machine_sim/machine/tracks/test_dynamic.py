@@ -329,6 +329,7 @@ def test_equal_commands_give_bit_identical_states_in_another_process(scene):
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 @pytest.mark.parametrize("seed", [1, 2])
 def test_chains_stay_on_while_driving_about_on_rough_ground(scene, seed):
     s = scene(rough(seed), tracks="dynamic")
@@ -341,6 +342,7 @@ def test_chains_stay_on_while_driving_about_on_rough_ground(scene, seed):
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 def test_standing_machine_does_not_creep(scene):
     s = scene(tracks="dynamic")
     drive(s, [0.5, 0.4], 2.0)
