@@ -8,7 +8,12 @@ import tempfile
 from pathlib import Path
 
 from benchmarks.liggghts_runner import LiggghtsError
-from benchmarks.resolved_dig.comparison import compare, draw_comparison, write_tables
+from benchmarks.resolved_dig.comparison import (
+    compare,
+    draw_comparison,
+    read_tables,
+    write_tables,
+)
 from benchmarks.resolved_dig.dig import record_dig
 from benchmarks.resolved_dig.liggghts_bed import Bed, dig_in_liggghts
 
@@ -17,22 +22,27 @@ def main() -> int:
     """Run both; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "--radius", type=float, default=0.026,
-        help="radius of the spheres [m]; 0.026 makes 92,000, which take 20 minutes",
+        "--radius", type=float, default=0.0255,
+        help="radius of the spheres [m]; 0.0255 makes 112,000, which take 25 minutes",
+    )  # fmt: skip
+    parser.add_argument(
+        "--recorded", type=Path, metavar="FOLDER",
+        help="compare with the dig in LIGGGHTS in the tables of a folder, such as validation",
     )  # fmt: skip
     parser.add_argument("--out", type=Path, default=Path("out/resolved_dig"), help="folder")
     args = parser.parse_args()
     dig = record_dig()
-    print(
-        f"dug for {dig.times[-1]:.1f} s; now LIGGGHTS, with spheres of {args.radius:g} m",
-        flush=True,
-    )
-    with tempfile.TemporaryDirectory() as temporary:
-        try:
-            resolved = dig_in_liggghts(dig, Bed(args.radius), Path(temporary))
-        except LiggghtsError as error:
-            print(error, file=sys.stderr)
-            return 2
+    print(f"dug for {dig.times[-1]:.1f} s", flush=True)
+    try:
+        if args.recorded is not None:
+            resolved = read_tables(args.recorded, "liggghts", dig)
+        else:
+            print(f"now LIGGGHTS, with spheres of {args.radius:g} m", flush=True)
+            with tempfile.TemporaryDirectory() as temporary:
+                resolved = dig_in_liggghts(dig, Bed(args.radius), Path(temporary))
+    except (LiggghtsError, OSError, ValueError) as error:
+        print(error, file=sys.stderr)
+        return 2
     digs = {"this project": dig, "LIGGGHTS": resolved}
     write_tables(args.out, {"ours": dig, "liggghts": resolved})
     draw_comparison(args.out / "resolved_dig.png", digs)

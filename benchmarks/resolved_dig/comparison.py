@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,10 +13,12 @@ from numpy.typing import NDArray
 from benchmarks.resolved_dig.dig import DigRecord
 from earthmoving_sim.pictures.style import CUT, DPI, FILL, LABEL, SMALL, add_axes, new_figure
 
-__all__ = ["Comparison", "compare", "draw_comparison", "write_tables"]
+__all__ = ["Comparison", "compare", "draw_comparison", "read_tables", "write_tables"]
 
 Array = NDArray[np.float64]
 
+_TABLE, _PROFILE_TABLE = "resolved_dig.csv", "resolved_dig_profile.csv"
+"""Files of a folder of tables: over time, and over the positions of the profile."""
 
 _ROUGHNESS = 0.04
 """Change of height that a surface of spheres has without a dig [m]."""
@@ -65,12 +68,47 @@ def write_tables(folder: Path, digs: dict[str, DigRecord]) -> None:
     for name, dig in digs.items():
         names += [f"{name}_fx_n", f"{name}_fz_n", f"{name}_fill_m3"]
         columns += [dig.force[:, 0], dig.force[:, 2], dig.fill]
-    _write_csv(folder / "resolved_dig.csv", names, columns)
+    _write_csv(folder / _TABLE, names, columns)
     profiles = [dig.profile for dig in digs.values()]
     _write_csv(
-        folder / "resolved_dig_profile.csv",
+        folder / _PROFILE_TABLE,
         ["x_m", *(f"{name}_z_m" for name in digs)],
         [path.x, *profiles],
+    )
+
+
+def read_tables(folder: Path, name: str, path: DigRecord) -> DigRecord:
+    """Return a dig by name from the tables of `write_tables`.
+
+    Args:
+        folder: folder of the tables.
+        name: name of the dig.
+        path: a dig on about the same path, with the same times and positions of the profile.
+
+    Raises:
+        OSError: a table is missing.
+        ValueError: it has no such dig, or other times or positions.
+    """
+    table, profile = (
+        np.genfromtxt(folder / file, delimiter=",", names=True) for file in (_TABLE, _PROFILE_TABLE)
+    )
+    if not (
+        len(table) == len(path.times)
+        and np.allclose(table["time_s"], path.times)
+        and len(profile) == len(path.x)
+        and np.allclose(profile["x_m"], path.x, atol=1e-3)
+    ):
+        raise ValueError(f"{folder} has a dig with other times or positions; record it again")
+    zeros = np.zeros(len(table))
+    force = np.column_stack([table[f"{name}_fx_n"], zeros, table[f"{name}_fz_n"]])
+    origin = np.column_stack([table["x_m"], zeros, table["z_m"]])
+    return replace(
+        path,
+        origin=origin,
+        pitch=table["pitch_rad"],
+        force=force,
+        fill=table[f"{name}_fill_m3"],
+        profile=profile[f"{name}_z_m"],
     )
 
 

@@ -77,8 +77,13 @@ class DigRecord:
     profile: Array
 
 
-def record_dig(cell: float = 0.1) -> DigRecord:
-    """Return the dig of this project on columns of a size [m]."""
+def record_dig(cell: float = 0.1, seed: int = 0) -> DigRecord:
+    """Return the dig of this project.
+
+    Args:
+        cell: size of the columns [m].
+        seed: seed of the scatter of released particles.
+    """
     spec = load_machine_spec(find_config("machines/excavator.yaml"))
     path: Array = np.array(
         [_arm_angles(spec, t) for t in np.arange(0.0, _PATH[-1, 0] + _TICK, _TICK)]
@@ -86,7 +91,9 @@ def record_dig(cell: float = 0.1) -> DigRecord:
     spec = replace(spec, home=np.array([0.0, *path[0]]))
     grid = Grid(round(16.0 / cell) + 1, round(10.0 / cell) + 1, cell)
     soil = Soil(grid, np.zeros(grid.shape), _SOIL)
-    sim = MachineSim([Placement(spec)], grid, soil.columns.height, soils=soil.loose_soils)
+    sim = MachineSim(
+        [Placement(spec)], grid, soil.columns.height, soils=soil.loose_soils, seed=seed
+    )
     world = World(soil, {1: sim})
     (machine,) = sim.simulated_machines
     for _ in range(_SETTLING_TICKS):

@@ -62,7 +62,7 @@ class Bed:
             0.2 the sides of the trench come to rest at 32 degrees.
     """
 
-    radius: float = 0.026
+    radius: float = 0.0255
     contact: ContactCoefficients = field(default_factory=lambda: ContactCoefficients(0.5, 0.2, 0.3))
 
 

@@ -39,7 +39,8 @@ _MIN_HORIZONTAL = 0.1
 def room_below_level(shape: OpenContainer, particles: SoilEngine, pose: Pose) -> float:
     """Return the loose volume that goes into a bucket before the soil ahead yields [m^3].
 
-    It is negative if the bucket is fuller than that, and infinite if it opens straight up or down.
+    It is negative if the bucket is fuller than that, 0 if all of it is higher than the soil ahead,
+    and infinite if it opens straight up or down.
 
     Args:
         shape: shape of the bucket; the first point of its profile is the lip.
@@ -70,8 +71,7 @@ def _room_below_level(profile, width, rotation, origin, ground, positions, soils
         soils: volume [mm^3] and soil id of each particle, and swell of each soil.
     """
     last = len(profile) - 1
-    lip_x, lip_z = profile[0]
-    rim_x, rim_z = profile[last]
+    lip_x, lip_z, rim_x, rim_z = profile[0, 0], profile[0, 1], profile[last, 0], profile[last, 1]
     length = math.hypot(lip_x - rim_x, lip_z - rim_z)
     along_x, along_z = (rim_x - lip_x) / length, (rim_z - lip_z) / length
     out_x, out_z = -along_z, along_x
@@ -101,9 +101,10 @@ def _room_below_level(profile, width, rotation, origin, ground, positions, soils
         ]
     )
     facing_up = max(up_x * out_x + up_z * out_z, 0.0)
-    area = _area_below(profile, up_x, up_z, level) + facing_up * _area_below(
-        heap, up_x, up_z, level
-    )
+    area = _area_below(profile, up_x, up_z, level)
+    if area <= 0.0:
+        return 0.0  # in the air: how much is in it does not matter
+    area += facing_up * _area_below(heap, up_x, up_z, level)
     return width * area - _loose_volume_inside(profile, width, rotation, origin, positions, soils)
 
 
@@ -135,8 +136,8 @@ def _area_below(polygon, up_x, up_z, level):  # type: ignore[no-untyped-def]
     base_x, base_z = up_x * level / square, up_z * level / square
     area = 0.0
     for k in range(len(polygon)):
-        ax, az = polygon[k]
-        bx, bz = polygon[(k + 1) % len(polygon)]
+        after = k + 1 if k + 1 < len(polygon) else 0
+        ax, az, bx, bz = polygon[k, 0], polygon[k, 1], polygon[after, 0], polygon[after, 1]
         a, b = up_x * ax + up_z * az - level, up_x * bx + up_z * bz - level
         if a > 0.0 and b > 0.0:
             continue
@@ -176,9 +177,10 @@ def _loose_volume_inside(profile, width, rotation, origin, positions, soils):  #
         z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]
         is_inside = True
         for k in range(len(profile)):
-            px, pz = profile[k]
-            qx, qz = profile[(k + 1) % len(profile)]
-            is_inside &= (qx - px) * (z - pz) - (qz - pz) * (x - px) >= 0.0
+            after = k + 1 if k + 1 < len(profile) else 0
+            px, pz = profile[k, 0], profile[k, 1]
+            edge_x, edge_z = profile[after, 0] - px, profile[after, 1] - pz
+            is_inside &= edge_x * (z - pz) - edge_z * (x - px) >= 0.0
         if is_inside:
             volume += 1e-9 * volumes[n] * (1.0 + swells[soil[n]])
     return volume

@@ -11,11 +11,17 @@ import pytest
 from support.machine_scenes import excavator
 
 from benchmarks.liggghts_runner import is_installed
-from benchmarks.resolved_dig.comparison import compare, draw_comparison, write_tables
-from benchmarks.resolved_dig.dig import INTERVAL, DigRecord, inside_bucket
+from benchmarks.resolved_dig.comparison import (
+    compare,
+    draw_comparison,
+    read_tables,
+    write_tables,
+)
+from benchmarks.resolved_dig.dig import INTERVAL, DigRecord, inside_bucket, record_dig
 from benchmarks.resolved_dig.liggghts_bed import Bed, dig_in_liggghts, write_input
 
 NUM_INTERVALS = 12
+RECORDED = Path(__file__).parents[2] / "validation"
 
 
 def level_drag(depth: float = 0.2) -> DigRecord:
@@ -64,6 +70,22 @@ def test_tables_and_picture_are_written(tmp_path: Path) -> None:
     profile = np.genfromtxt(tmp_path / "resolved_dig_profile.csv", delimiter=",", names=True)
     assert profile["ours_z_m"].min() == -0.2
     assert (tmp_path / "dig.png").stat().st_size > 10_000
+    again = read_tables(tmp_path, "liggghts", level_drag())
+    assert compare(again, digs["liggghts"]) == pytest.approx((1.0,) * 5, rel=1e-3)
+    with pytest.raises(ValueError, match="other times"):
+        read_tables(tmp_path, "liggghts", replace(again, times=again.times + 1.0))
+
+
+@pytest.mark.slow
+@pytest.mark.independent
+@pytest.mark.parametrize("seed", [0, 1])
+def test_dig_is_close_to_that_of_spheres_in_liggghts(seed: int) -> None:
+    dig = record_dig(seed=seed)
+    found = compare(dig, read_tables(RECORDED, "liggghts", dig))
+    assert 0.75 < found.force < 1.4
+    assert 0.75 < found.fill < 1.25
+    assert 0.75 < found.berm < 1.25
+    assert 0.9 < found.trench < 1.2
 
 
 def test_segments_for_liggghts_follow_the_path(tmp_path: Path) -> None:

@@ -69,6 +69,20 @@ def test_soil_in_the_tool_transmits_a_part_of_the_resistance() -> None:
     assert force_with(8e3) == pytest.approx(-20e3), "soil that pushes forward"
 
 
+def test_soil_enters_until_the_soil_in_the_tool_pushes_as_the_soil_ahead_resists() -> None:
+    def inflow_with(push: float) -> float:
+        resistance = SoilResistance(800.0, 20e3, DT)
+        resistance.receive(forces(-20e3), REST)
+        for _ in range(400):
+            resistance.step(REST, (np.array([0.5, 0.0, 0.0]), np.zeros(3)), DT, (push, 9e3, 0.0))
+        return resistance.inflow_fraction
+
+    assert SoilResistance(800.0, 20e3, DT).inflow_fraction == 1.0, "nothing resists"
+    assert inflow_with(0.0) == inflow_with(-15.9e3) == inflow_with(30e3) == 1.0
+    assert inflow_with(-18e3) == pytest.approx(0.5, abs=0.01)
+    assert inflow_with(-25e3) == 0.0
+
+
 def test_soil_does_not_push_a_tool_at_rest_or_moving_back() -> None:
     resistance = SoilResistance(800.0, 20e3, DT)
     resistance.receive(forces(-20e3), REST)

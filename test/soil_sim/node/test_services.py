@@ -176,7 +176,7 @@ def test_save_writes_soils_and_moisture(ros: Ros, tmp_path: Path) -> None:
     _, layers = load_terrain_with_layers(path)
     columns = scene.soil.run.endpoint.soil.columns
     assert np.array_equal(layers.soil, columns.top_soil)
-    assert np.array_equal(layers.moisture, columns.moisture)
+    assert np.array_equal(layers.moisture, columns.top_moisture)
 
 
 def test_save_reports_a_format_without_layers(ros: Ros, tmp_path: Path) -> None:

@@ -97,7 +97,7 @@ def test_map_has_kind_material_and_moisture_of_the_surface(ros: Ros, tmp_path: P
     assert (newest.surface_material == soil.columns.material).all()
     assert newest.surface_material.any()
     assert (newest.soil == soil.columns.top_soil).all()
-    assert (newest.moisture == soil.columns.moisture).all()
+    assert (newest.moisture == soil.columns.top_moisture).all()
 
 
 def test_configuration_has_the_properties_of_each_soil_id(ros: Ros, tmp_path: Path) -> None:
