@@ -33,7 +33,7 @@ def test_machine_works_for_a_minute_without_a_problem(make_operator, model, seed
     assert outcome.imbalance == 0
     assert outcome.max_stuck_time < 10.0
     assert outcome.distance > 10.0
-    assert outcome.max_payload > 0.3
+    assert outcome.max_payload > 0.1, "it digs"
 
 
 def test_equal_seeds_give_equal_state_hashes(make_operator) -> None:
