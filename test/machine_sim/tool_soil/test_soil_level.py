@@ -62,7 +62,7 @@ def test_upright_bucket_fills_up_to_the_ground_before_it(pitch, depth, yaw) -> N
 def test_level_is_that_of_the_berm_and_not_of_the_trench_behind() -> None:
     x, _ = np.meshgrid(GRID.x(np.arange(GRID.rows)), GRID.y(np.arange(GRID.cols)), indexing="ij")
     at = pose(UPRIGHT, (1.0, 2.0, -0.4))
-    ahead = (x < 1.0 - 0.5 * GRID.cell) & (x > 1.0 - 2.4 * GRID.cell)
+    ahead = (x < 1.0 - 1.5 * GRID.cell) & (x > 1.0 - 2.4 * GRID.cell)
     for behind in (-0.4, 0.5):
         heights = np.where(ahead, 0.3, np.where(x > 1.0 + 0.5 * GRID.cell, behind, 0.0))
         room = room_below_level(BUCKET, engine(heights), at)

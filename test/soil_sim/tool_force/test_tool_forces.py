@@ -197,11 +197,13 @@ def test_soil_beside_a_blade_adds_what_mckyes_and_ali_compute(name, ratios) -> N
         assert expected(name, 60.0, depth=depth)[0] == pytest.approx(ratio * wide[0], rel=0.02)
 
 
-def test_end_of_a_blade_beside_a_trench_has_no_crescent() -> None:
+@pytest.mark.parametrize(("depth", "fraction"), [(1.0, 0.0), (0.5 * DEPTH, 0.125)])
+def test_crescent_beside_a_trench_has_the_volume_that_is_left(depth, fraction) -> None:
     soil = flat_soil(6.0, 0.1, soil="dry sand")
-    soil.columns.height[:, soil.grid.y(np.arange(soil.grid.cols)) > 0.65] -= 1.0
+    soil.columns.height[:, soil.grid.y(np.arange(soil.grid.cols)) > 0.65] -= depth
     found = force(soil, tool_sweep(plate(60.0), (0, 0, -DEPTH), (TRAVEL, 0, -DEPTH)))
-    assert found[0] == pytest.approx(expected("dry sand", 60.0, num_ends=1.0)[0], rel=0.01)
+    sand = expected("dry sand", 60.0, num_ends=1.0 + fraction)
+    assert found[0] == pytest.approx(sand[0], rel=0.01)
 
 
 STROKE = bucket_sweep((0, 0, -DEPTH), (TRAVEL, 0, -DEPTH))
