@@ -79,6 +79,7 @@ def test_task_is_aborted_where_there_is_no_face() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 @pytest.mark.parametrize("kind", ["loam", "rock"])
 def test_face_is_cut_in_passes(kind: str) -> None:
     x = GRID.x(np.arange(GRID.rows))

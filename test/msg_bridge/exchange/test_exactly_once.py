@@ -124,6 +124,7 @@ def test_any_schedule_of_machines_and_losses_balances(
 
 
 @pytest.mark.slow
+@pytest.mark.independent
 def test_million_rows_over_a_lossy_transport_are_exact() -> None:
     run = ExchangeDriver(2, drop=0.1, duplicate=0.1, delay=0.2)
     for machine in run.machines:
