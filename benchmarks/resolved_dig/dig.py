@@ -19,7 +19,7 @@ from msg_bridge.contract.grid import Grid
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
 
-__all__ = ["INTERVAL", "DigRecord", "inside_bucket", "record_dig"]
+__all__ = ["INTERVAL", "DigRecord", "record_dig"]
 
 Array = NDArray[np.float64]
 
@@ -117,16 +117,6 @@ def record_dig(cell: float = 0.1, seed: int = 0) -> DigRecord:
     )  # fmt: skip
 
 
-def inside_bucket(bucket: BucketShape, points: Array) -> NDArray[np.bool_]:
-    """Return which points, bucket frame, shape (n, 3), are in a bucket, below its opening."""
-    corners = np.vstack([bucket.profile, bucket.profile[:1]])
-    x, z = points[:, 0, None], points[:, 2, None]
-    (x0, z0), (x1, z1) = corners[:-1].T, corners[1:].T
-    turns = (x1 - x0) * (z - z0) - (z1 - z0) * (x - x0)  # of a convex outline
-    is_inside = (turns >= 0.0).all(axis=1) | (turns <= 0.0).all(axis=1)
-    return np.asarray(is_inside & (np.abs(points[:, 1]) <= 0.5 * bucket.width))
-
-
 def _arm_angles(spec: MachineSpec, time: float) -> Array:
     """Return the angles of boom, arm and bucket at a time of the path [rad]."""
     reach, height, angle = (np.interp(time, _PATH[:, 0], _PATH[:, k]) for k in (1, 2, 3))
@@ -149,6 +139,6 @@ def _observe(sim: MachineSim, machine: SimulatedMachine) -> list[float]:
     rotation, origin = coupling.tool.pose
     force, _ = coupling.wrench
     points = sim.particles.positions_in_tool_frame(coupling.tool_id)
-    volume = sim.particles.volumes_mm3[inside_bucket(machine.machine.spec.bucket, points)].sum()
+    volume = sim.particles.volumes_mm3[machine.machine.spec.bucket.contains(points)].sum()
     pitch = float(np.arctan2(rotation[0, 2], rotation[0, 0]))
     return [*origin.tolist(), pitch, *force.tolist(), 1e-9 * float(volume)]

@@ -17,7 +17,12 @@ import math
 import numpy as np
 
 from machine_sim.dem import Pose, SoilEngine
-from machine_sim.machine.tools.open_container import OpenContainer
+from machine_sim.ground import surface_at
+from machine_sim.machine.tools.open_container import (
+    OpenContainer,
+    Opening,
+    is_in_struck_volume,
+)
 from msg_bridge.kernels import helper, kernel
 
 __all__ = ["room_below_level"]
@@ -26,7 +31,7 @@ _REACH_CELLS = 2.5
 """Distance ahead of the lip within which the highest soil counts [cells along the grid]: displaced
 soil is put on the first column without a tool."""
 
-_SAMPLES_ACROSS = 3
+_LINES_ACROSS = 3
 """Lines across the width along which the soil ahead is sampled."""
 
 _SAMPLES_AHEAD = 6
@@ -47,36 +52,46 @@ def room_below_level(shape: OpenContainer, particles: SoilEngine, pose: Pose) ->
         particles: the particle engine, with the ground.
         pose: rotation bucket to map, shape (3, 3), and origin [m], shape (3,).
     """
-    ground = particles.ground
     room: float = _room_below_level(
         shape.profile,
         shape.width,
+        shape.opening,
+        (*shape.half_planes, 0.5 * shape.width, shape.bounding_radius),
         *pose,
-        (ground.elevation, ground.frame),
-        particles.positions,
-        (particles.volumes_mm3, particles.soil, particles.swells),
+        particles.ground.elevation,
+        particles.ground.frame,
+        (particles.positions, particles.volumes_mm3, particles.soil, particles.swells),
     )
     return room
 
 
 @kernel
-def _room_below_level(profile, width, rotation, origin, ground, positions, soils):  # type: ignore[no-untyped-def]
-    """Return the room of `room_below_level`.
+def _room_below_level(  # type: ignore[no-untyped-def]
+    profile, width, opening, inside, rotation, origin, elevation, frame, soil
+):
+    """Return the room of `room_below_level`; arguments as of the two volumes it compares."""
+    volume = _volume_below_level(profile, width, opening, rotation, origin, elevation, frame)
+    if volume == 0.0 or volume == math.inf:
+        return volume
+    return volume - _loose_volume_inside(inside, rotation, origin, soil)
+
+
+@helper
+def _volume_below_level(profile, width, opening, rotation, origin, elevation, frame):  # type: ignore[no-untyped-def]
+    """Return the volume in and on a bucket below the level of the soil ahead [m^3].
 
     Args:
-        profile, width: of the bucket [m].
-        rotation, origin: pose.
-        ground: heights [m] and frame of `Ground`.
-        positions: of all particles [m], shape (n, 3).
-        soils: volume [mm^3] and soil id of each particle, and swell of each soil.
+        profile, width, opening: of the bucket.
+        rotation, origin: its pose.
+        elevation, frame: of `Ground`.
+
+    Returns:
+        The volume; infinite if the opening has no direction.
     """
-    last = len(profile) - 1
-    lip_x, lip_z, rim_x, rim_z = profile[0, 0], profile[0, 1], profile[last, 0], profile[last, 1]
-    length = math.hypot(lip_x - rim_x, lip_z - rim_z)
-    along_x, along_z = (rim_x - lip_x) / length, (rim_z - lip_z) / length
-    out_x, out_z = -along_z, along_x
+    opening = Opening(*opening)
+    lip_x, lip_z, out_x, out_z = opening.lip_x, opening.lip_z, opening.out_x, opening.out_z
     # Halfway between out of the opening and toward the lip: horizontal at work in any position.
-    ahead_x, ahead_z = out_x - along_x, out_z - along_z
+    ahead_x, ahead_z = out_x - opening.along_x, out_z - opening.along_z
     ax = rotation[0, 0] * ahead_x + rotation[0, 2] * ahead_z
     ay = rotation[1, 0] * ahead_x + rotation[1, 2] * ahead_z
     horizontal = math.hypot(ax, ay)
@@ -84,42 +99,35 @@ def _room_below_level(profile, width, rotation, origin, ground, positions, soils
         return math.inf
     ax, ay = ax / horizontal, ay / horizontal
     level = 0.0
-    for line in range(_SAMPLES_ACROSS):
-        side = width * ((line + 0.5) / _SAMPLES_ACROSS - 0.5)
+    for line in range(_LINES_ACROSS):
+        side = width * ((line + 0.5) / _LINES_ACROSS - 0.5)
         x = rotation[0, 0] * lip_x + rotation[0, 1] * side + rotation[0, 2] * lip_z + origin[0]
         y = rotation[1, 0] * lip_x + rotation[1, 1] * side + rotation[1, 2] * lip_z + origin[1]
-        level += _highest_along(x, y, ax, ay, ground) / _SAMPLES_ACROSS
+        level += _highest_along(x, y, ax, ay, elevation, frame) / _LINES_ACROSS
     # In the side view: points p with up.p <= level are below it.
     up_x, up_z = rotation[2, 0], rotation[2, 2]
     level -= origin[2]
-    peak = 0.5 * min(length, width)
-    heap = np.array(
-        [
-            (rim_x, rim_z),
-            (0.5 * (lip_x + rim_x) + peak * out_x, 0.5 * (lip_z + rim_z) + peak * out_z),
-            (lip_x, lip_z),
-        ]
-    )
+    struck = _area_below(profile, up_x, up_z, level)
+    heap = np.empty((3, 2))  # rim, ridge, lip
+    for k in range(3):
+        along, height = opening.length * (1.0 - 0.5 * k), opening.heap_height * (k % 2)
+        heap[k, 0] = lip_x + along * opening.along_x + height * out_x
+        heap[k, 1] = lip_z + along * opening.along_z + height * out_z
     facing_up = max(up_x * out_x + up_z * out_z, 0.0)
-    area = _area_below(profile, up_x, up_z, level)
-    if area <= 0.0:
-        return 0.0  # in the air: how much is in it does not matter
-    area += facing_up * _area_below(heap, up_x, up_z, level)
-    return width * area - _loose_volume_inside(profile, width, rotation, origin, positions, soils)
+    return width * (struck + facing_up * _area_below(heap, up_x, up_z, level))
 
 
 @helper
-def _highest_along(x, y, ax, ay, ground):  # type: ignore[no-untyped-def]
-    """Return the height of the highest column along a line from (x, y) in direction (ax, ay)."""
-    height, (x_first, y_first, per_cell) = ground
-    rows, cols = height.shape
+def _highest_along(x, y, ax, ay, elevation, frame):  # type: ignore[no-untyped-def]
+    """Return the height of the highest soil along a line from (x, y) in direction (ax, ay) [m]."""
+    x_first, y_first, per_cell = frame
     step = _REACH_CELLS / (_SAMPLES_AHEAD - 1) * (abs(ax) + abs(ay)) / per_cell
     highest = -math.inf
     for k in range(_SAMPLES_AHEAD):
-        row = int(math.floor((x_first - x - k * step * ax) * per_cell + 0.5))
-        col = int(math.floor((y_first - y - k * step * ay) * per_cell + 0.5))
-        row, col = min(max(row, 0), rows - 1), min(max(col, 0), cols - 1)
-        highest = max(highest, height[row, col])
+        height, _, _ = surface_at(
+            elevation, x_first, y_first, per_cell, x + k * step * ax, y + k * step * ay
+        )
+        highest = max(highest, height)
     return highest
 
 
@@ -153,34 +161,26 @@ def _area_below(polygon, up_x, up_z, level):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _loose_volume_inside(profile, width, rotation, origin, positions, soils):  # type: ignore[no-untyped-def]
-    """Return the loose volume of the particles below the opening [m^3]."""
-    volumes, soil, swells = soils
-    max_square = 0.25 * width * width
-    farthest = 0.0
-    for k in range(len(profile)):
-        farthest = max(farthest, profile[k, 0] ** 2 + profile[k, 1] ** 2)
-    max_square += farthest
+def _loose_volume_inside(inside, rotation, origin, soil):  # type: ignore[no-untyped-def]
+    """Return the loose volume of the particles below the opening of a bucket [m^3].
+
+    Args:
+        inside: normals and offsets of its `HalfPlanes`, half its width, and the radius of a sphere
+            about its origin that contains it [m].
+        rotation, origin: its pose.
+        soil: positions [m], volumes [mm^3] and soil ids of all particles, and swell of each soil.
+    """
+    normals, offsets, half_width, radius = inside
+    positions, volumes_mm3, soil_ids, swells = soil
     volume = 0.0
     for n in range(len(positions)):
-        a, b, c = (
-            positions[n, 0] - origin[0],
-            positions[n, 1] - origin[1],
-            positions[n, 2] - origin[2],
-        )
-        if a * a + b * b + c * c > max_square:
+        a, b = positions[n, 0] - origin[0], positions[n, 1] - origin[1]
+        c = positions[n, 2] - origin[2]
+        if a * a + b * b + c * c > radius * radius:
             continue
         y = a * rotation[0, 1] + b * rotation[1, 1] + c * rotation[2, 1]
-        if abs(y) > 0.5 * width:
-            continue
         x = a * rotation[0, 0] + b * rotation[1, 0] + c * rotation[2, 0]
         z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]
-        is_inside = True
-        for k in range(len(profile)):
-            after = k + 1 if k + 1 < len(profile) else 0
-            px, pz = profile[k, 0], profile[k, 1]
-            edge_x, edge_z = profile[after, 0] - px, profile[after, 1] - pz
-            is_inside &= edge_x * (z - pz) - edge_z * (x - px) >= 0.0
-        if is_inside:
-            volume += 1e-9 * volumes[n] * (1.0 + swells[soil[n]])
+        if abs(y) <= half_width and is_in_struck_volume(x, z, normals, offsets):
+            volume += 1e-9 * volumes_mm3[n] * (1.0 + swells[soil_ids[n]])
     return volume

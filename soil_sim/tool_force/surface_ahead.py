@@ -3,11 +3,10 @@
 The column under an edge and those beside it are cut already, so the surface is sampled from where
 no sample depends on them, and extended from there to the edge: firm soil with its slope, and loose
 soil on it with its depth, because a berm that a tool pushes is level where it meets the tool. The
-line has the mean height of the
-surface over the wedge, and its height where the wedge ends: so the wedge under it has the weight
-and the end of the real one, also where a berm lies before the tool. A plane is reproduced exactly,
-for any cell size and direction. Where soil stands higher than the tool, what is above its top is a
-surcharge: a blade at the foot of a wall does not push the whole wall.
+line has the mean height of the surface over the wedge, and its height where the wedge ends: so the
+wedge under it has the weight and the end of the real one, also where a berm lies before the tool. A
+plane is reproduced exactly, for any cell size and direction. Where soil stands higher than the
+tool, what is above its top is a surcharge: a blade at the foot of a wall does not push all of it.
 """
 
 from __future__ import annotations

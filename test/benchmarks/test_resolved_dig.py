@@ -17,7 +17,7 @@ from benchmarks.resolved_dig.comparison import (
     read_tables,
     write_tables,
 )
-from benchmarks.resolved_dig.dig import INTERVAL, DigRecord, inside_bucket, record_dig
+from benchmarks.resolved_dig.dig import INTERVAL, DigRecord, record_dig
 from benchmarks.resolved_dig.liggghts_bed import Bed, dig_in_liggghts, write_input
 
 NUM_INTERVALS = 12
@@ -35,13 +35,6 @@ def level_drag(depth: float = 0.2) -> DigRecord:
         np.full(count, 0.5 * np.pi), np.tile([8e3, 0.0, -3e3], (count, 1)),
         np.linspace(0.0, 0.3, count), x, np.where(x > 5.6, -depth, 0.3),
     )  # fmt: skip
-
-
-def test_points_in_the_bucket_are_below_its_opening_and_between_its_sides() -> None:
-    bucket = excavator().bucket
-    x, z = bucket.profile.mean(axis=0).tolist()
-    points = np.array([[x, 0.0, z], [x, 0.0, z - 1.0], [x, bucket.width, z]])
-    assert inside_bucket(bucket, points).tolist() == [True, False, False]
 
 
 def test_ratios_are_those_of_the_first_to_the_second() -> None:

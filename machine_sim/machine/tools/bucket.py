@@ -97,7 +97,7 @@ class BucketShape(OpenContainer):
 
         Between two strips it bisects the angle between their normals.
         """
-        strips = self._half_planes.normals[:-1]
+        strips = self.half_planes.normals[:-1]
         normals = np.vstack([strips[:1], strips[:-1] + strips[1:], strips[-1:]])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         return np.column_stack([normals[:, 0], np.zeros(NUM_KEY_POINT_PAIRS), normals[:, 1]])
@@ -120,7 +120,7 @@ class BucketShape(OpenContainer):
             MachineError: the bucket is too small for the clearance.
         """
         points = np.array(points_local, dtype=np.float64).reshape(-1, 3)
-        normals, offsets = self._half_planes
+        normals, offsets = self.half_planes
         middle = self.profile.mean(axis=0)
         limit = offsets.copy()
         limit[:-1] -= clearance

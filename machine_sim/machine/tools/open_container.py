@@ -16,9 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.box import Box
 from machine_sim.machine.errors import MachineError
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import helper, kernel
 
-__all__ = ["OpenContainer"]
+__all__ = ["HalfPlanes", "OpenContainer", "Opening", "is_in_struck_volume"]
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ _BOUNDING_MARGIN = 0.01
 """Margin of the bounding sphere [m], above all rounding."""
 
 
-class _Opening(NamedTuple):
+class Opening(NamedTuple):
     """Opening of a container in the side view, and the heap on it.
 
     Attributes:
@@ -50,7 +50,7 @@ class _Opening(NamedTuple):
     heap_height: float
 
 
-class _HalfPlanes(NamedTuple):
+class HalfPlanes(NamedTuple):
     """Half-planes n.p <= d in the side view, whose intersection is the struck volume.
 
     Attributes:
@@ -193,7 +193,7 @@ class OpenContainer:
     def contains(self, points_local: ArrayLike) -> NDArray[np.bool_]:
         """Return which points [m], shape (n, 3), lie in the struck volume, shape (n,)."""
         points = np.asarray(points_local, dtype=np.float64).reshape(-1, 3)
-        normals, offsets = self._half_planes
+        normals, offsets = self.half_planes
         inside = (points[:, [0, 2]] @ normals.T <= offsets + 1e-12).all(axis=1)
         return np.asarray(inside & (np.abs(points[:, 1]) <= 0.5 * self.width), dtype=np.bool_)
 
@@ -208,23 +208,23 @@ class OpenContainer:
             rotation, origin: pose of the container's frame in the map frame, shapes (3, 3) and
                 (3,).
         """
-        normals, offsets = self._half_planes
+        normals, offsets = self.half_planes
         rows: NDArray[np.intp] = _indices_in_heap(
             points,
             rotation,
             origin,
             normals,
             offsets,
-            self._opening,
+            self.opening,
             0.5 * self.width,
-            self._bounding_radius,
+            self.bounding_radius,
         )
         return rows
 
     @cached_property
-    def _bounding_radius(self) -> float:
+    def bounding_radius(self) -> float:
         """Radius of a sphere about the frame's origin around the container and its heap [m]."""
-        heap_height = _Opening(*self._opening).heap_height
+        heap_height = Opening(*self.opening).heap_height
         corners = np.vstack(
             [self.profile, self.profile + heap_height * self.opening_normal[[0, 2]]]
         )
@@ -232,13 +232,13 @@ class OpenContainer:
         return math.hypot(reach, 0.5 * self.width) + _BOUNDING_MARGIN
 
     @cached_property
-    def _opening(self) -> tuple[float, ...]:
-        """`_Opening` as a plain tuple, whose type Numba resolves faster than a named one's."""
+    def opening(self) -> tuple[float, ...]:
+        """`Opening` as a plain tuple, whose type Numba resolves faster than a named one's."""
         length = self.opening_length
         (lip_x, lip_z), (rim_x, rim_z) = self.profile[[0, -1]].tolist()
         out_x, _, out_z = self.opening_normal.tolist()
         return tuple(
-            _Opening(
+            Opening(
                 lip_x=lip_x,
                 lip_z=lip_z,
                 along_x=(rim_x - lip_x) / length,
@@ -251,12 +251,12 @@ class OpenContainer:
         )
 
     @cached_property
-    def _half_planes(self) -> _HalfPlanes:
+    def half_planes(self) -> HalfPlanes:
         """Half-planes of the struck volume."""
         edge = np.roll(self.profile, -1, axis=0) - self.profile
         normals = np.column_stack([edge[:, 1], -edge[:, 0]])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return _HalfPlanes(normals, np.einsum("ij,ij->i", normals, self.profile))
+        return HalfPlanes(normals, np.einsum("ij,ij->i", normals, self.profile))
 
     def _edge(self, side: int) -> Array:
         """Return the profile on the left (+1) or right (-1) side, shape (n, 3)."""
@@ -270,7 +270,7 @@ def _indices_in_heap(  # type: ignore[no-untyped-def]
 ):
     """Return the rows of `OpenContainer.indices_in_heap`."""
     max_square = bounding_radius * bounding_radius
-    opening = _Opening(*opening)
+    opening = Opening(*opening)
     rows = np.empty(len(points), dtype=np.intp)
     count = 0
     for i in range(len(points)):
@@ -286,11 +286,21 @@ def _indices_in_heap(  # type: ignore[no-untyped-def]
         along = dx * opening.along_x + dz * opening.along_z
         above = dx * opening.out_x + dz * opening.out_z
         is_inside = 0.0 <= along <= opening.length and 0.0 <= above <= opening.heap_height
-        if not is_inside:
-            is_inside = True
-            for k in range(len(offsets)):
-                is_inside &= normals[k, 0] * x + normals[k, 1] * z <= offsets[k] + 1e-12
-        if is_inside:
+        if is_inside or is_in_struck_volume(x, z, normals, offsets):
             rows[count] = i
             count += 1
     return rows[:count].copy()
+
+
+@helper
+def is_in_struck_volume(x, z, normals, offsets):  # type: ignore[no-untyped-def]
+    """Return whether a point between the sides is in the struck volume.
+
+    Args:
+        x, z: the point in the side view [m].
+        normals, offsets: `HalfPlanes` of the container.
+    """
+    is_inside = True
+    for k in range(len(offsets)):
+        is_inside &= normals[k, 0] * x + normals[k, 1] * z <= offsets[k] + 1e-12
+    return is_inside
