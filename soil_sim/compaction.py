@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.constants import MOISTURE_LEVELS
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper
 from soil_sim.columns.operations import compact_loose, pack_firm
 from soil_sim.columns.state import Columns
 from soil_sim.soils.soil_types import SoilType
@@ -89,20 +89,20 @@ def compact(columns: Columns, pairs: PressedPairs, sinkage: NDArray[np.void]) ->
     """
     if pairs.has_plate.size == 0:  # as with a machine that has no tracks
         return CompactedColumns(np.zeros(0, dtype=np.int64), {})
-    under, tools = _compact(*pairs, columns.boxed_arrays, columns.frame, sinkage)
-    yielded = np.unique(under[under >= 0])
-    cells = np.where(under < 0, ~under, under)
-    with_pressure = np.unique(pairs.tool[pairs.pressure.max(axis=1) > 0.0]).tolist()
-    return CompactedColumns(yielded, {n: np.unique(cells[tools == n]) for n in with_pressure})
+    yielded, tools, first, cells = _compact(*pairs, columns.boxed_arrays, columns.frame, sinkage)
+    starts = first.tolist()
+    pressed = {tool: cells[starts[k] : starts[k + 1]] for k, tool in enumerate(tools.tolist())}
+    return CompactedColumns(yielded, pressed)
 
 
-@kernel
+@fixed_signature_kernel
 def _compact(points, has_plate, pressure, tool, boxed_columns, frame, sinkage):  # type: ignore[no-untyped-def]
     """Compact soil as `compact`.
 
     Returns:
-        (flat indices of the columns under plates, one for each triangle: that of a column that does
-        not yield is inverted; id of the tool of each).
+        (flat indices of the columns that yielded, sorted; ids of the tools with pressure, sorted;
+        index of the first column of each below, and the end; flat indices of the columns under each
+        of these tools, sorted).
     """
     columns = boxed_columns.table
     under, count = np.empty(64, dtype=np.int64), np.int64(0)
@@ -132,7 +132,30 @@ def _compact(points, has_plate, pressure, tool, boxed_columns, frame, sinkage): 
         before, tools = tools, np.empty(count, dtype=np.int64)
         tools[: before.size] = before
         tools[before.size :] = tool[n]
-    return under[:count], tools
+    under = under[:count]
+    return (np.unique(under[under >= 0]), *_columns_by_tool(under, tools, pressure, tool))
+
+
+@helper
+def _columns_by_tool(under, tools, pressure, tool_of_pair):  # type: ignore[no-untyped-def]
+    """Return the columns under each tool with pressure as `_compact`.
+
+    Args:
+        under: flat indices of the columns under plates, one for each triangle; that of a column
+            that does not yield is inverted.
+        tools: id of the tool of each.
+        pressure, tool_of_pair: pressure [Pa] and tool of the key-point pairs.
+    """
+    is_pressing = (pressure[:, 0] > 0.0) | (pressure[:, 1] > 0.0)
+    with_pressure = np.unique(tool_of_pair[is_pressing])
+    first = np.zeros(with_pressure.size + 1, dtype=np.int64)
+    cells = np.empty(under.size, dtype=np.int64)
+    for k in range(with_pressure.size):
+        of_tool = under[tools == with_pressure[k]]
+        own = np.unique(np.where(of_tool < 0, ~of_tool, of_tool))
+        first[k + 1] = first[k] + own.size
+        cells[first[k] : first[k + 1]] = own
+    return with_pressure, first, cells[: first[-1]]
 
 
 @helper

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import ConversionKind, Rows
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import fixed_signature_kernel
 from soil_sim.columns.grid_frame import GridFrame
 from soil_sim.columns.occupancy import TOOL_INSIDE
 from soil_sim.excavation.displacement import nearest_free_column
@@ -72,7 +72,7 @@ def bilinear_shares(
     return shares
 
 
-@kernel
+@fixed_signature_kernel
 def _bilinear_shares(conversions, frame, occupied):  # type: ignore[no-untyped-def]
     count = 0
     for n in range(conversions.size):

@@ -16,7 +16,7 @@ from msg_bridge.contract.rows import (
     Rows,
     empty_rows,
 )
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import fixed_signature_kernel, kernel
 from soil_sim.columns.changes import ColumnChanges
 from soil_sim.columns.grid_frame import GridFrame
 from soil_sim.columns.state import Columns
@@ -91,7 +91,7 @@ def map_update_rows(changes: ColumnChanges, columns: Columns, revision: int) -> 
     return rows
 
 
-@kernel
+@fixed_signature_kernel
 def _convert_requests(requests, is_first, tick, num_soil_types, frame):  # type: ignore[no-untyped-def]
     """Return CONVERSION rows of requests; `is_first` marks the first one of each particle."""
     conversions = np.zeros(requests.size, CONVERSION)
@@ -141,7 +141,7 @@ def _excavation_rows(removed, tick, machine_id, cols):  # type: ignore[no-untype
     return rows
 
 
-@kernel
+@fixed_signature_kernel
 def _map_update_rows(cells, boxed_columns, revision, frame):  # type: ignore[no-untyped-def]
     """Return MAP_UPDATE rows of columns, by their flat indices."""
     columns = boxed_columns.table

@@ -218,12 +218,14 @@ class Soil:
         if (
             sweeps.dtype != SWEEP
             or deposit_requests.dtype != DEPOSIT_REQUEST
+            or (sweeps.ndim, deposit_requests.ndim) != (1, 1)
             or not 0 <= tick < 2**32
         ):
             raise SoilError(
                 f"tick {tick} with rows of {sweeps.dtype.names} and {deposit_requests.dtype.names}:"
-                " give a tick number of 32 bits, SWEEP rows and DEPOSIT_REQUEST rows"
+                " give a tick number of 32 bits, and 1-D arrays of SWEEP and DEPOSIT_REQUEST rows"
             )
+        sweeps, deposit_requests = map(np.ascontiguousarray, (sweeps, deposit_requests))
         valid_sweeps, rejected_tools = validate_sweeps(sweeps)
         deposits = convert_deposit_requests(
             deposit_requests, tick, self.columns.frame, len(self.soil_types)

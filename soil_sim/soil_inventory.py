@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.rows import ConversionKind, Rows, machine_ids_in
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import fixed_signature_kernel
 
 __all__ = ["SoilInventory"]
 
@@ -93,7 +93,7 @@ def _empty_inventory() -> _AccountInventory:
     return _AccountInventory(*np.zeros((2, _MAX_SOIL_TYPES), dtype=np.int64))
 
 
-@kernel
+@fixed_signature_kernel
 def _record(conversions, machine_id, inventory):  # type: ignore[no-untyped-def]
     """Apply the conversions of one machine to its inventory."""
     for n in range(conversions.size):

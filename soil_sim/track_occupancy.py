@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from msg_bridge.kernels import kernel
 from soil_sim.columns.occupancy import FREE, TRACK_ABOVE
 
 __all__ = ["TrackOccupancy"]
@@ -49,14 +50,35 @@ class TrackOccupancy:
         moved = {(i, tool): cells for i, tools in pressed.items() for tool, cells in tools.items()}
         at_rest = {key: cells for key, cells in before.items() if key[0] in pressed}
         self._cells = {key: cells for key, cells in (at_rest | moved).items() if cells.size}
-        for marked in before.values():
-            self._replace(marked, TRACK_ABOVE, FREE)
-        for marked in self._cells.values():
-            self._replace(marked, FREE, TRACK_ABOVE)
-        all_before = np.unique(np.concatenate([_NO_CELLS, *before.values()]))
-        freed: NDArray[np.int64] = all_before[self._occupied[all_before] == FREE]
+        freed: NDArray[np.int64] = _move_marks(
+            self._occupied,
+            np.concatenate([_NO_CELLS, *before.values()]),
+            np.concatenate([_NO_CELLS, *self._cells.values()]),
+        )
         return freed
 
-    def _replace(self, cells: NDArray[np.int64], old: int, new: int) -> None:
-        """Replace a mark of columns by another where they have it."""
-        self._occupied[cells[self._occupied[cells] == old]] = new
+
+@kernel
+def _move_marks(occupied, before, now):  # type: ignore[no-untyped-def]
+    """Free the columns that tracks were on, and mark those that they are on.
+
+    Args:
+        occupied: marks of `columns.occupancy`, shape (columns,); changed.
+        before, now: flat indices of the columns.
+
+    Returns:
+        Flat indices of the columns that were freed, sorted.
+    """
+    for k in before:
+        if occupied[k] == TRACK_ABOVE:
+            occupied[k] = FREE
+    for k in now:
+        if occupied[k] == FREE:
+            occupied[k] = TRACK_ABOVE
+    freed = np.empty(before.size, dtype=np.int64)
+    count = 0
+    for k in before:
+        if occupied[k] == FREE:
+            freed[count] = k
+            count += 1
+    return np.unique(freed[:count])

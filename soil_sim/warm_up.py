@@ -46,7 +46,7 @@ def warm_up(params: SoilParams) -> None:
         cut["x0"], cut["x1"] = 0.1 * tick, 0.1 * (tick + 1)
         cut["room_mm3"] = 100_000_000 if tick == 1 else 1_000_000  # then pushes the rest ahead
         track = cut.copy()
-        track["tool"], track["action"] = 1, SweepAction.COMPACT
+        track["tool"], track["action"], track["pressure"] = 1, SweepAction.COMPACT, 1e4
         positions_of_first_tools(cut)
         drum = cut.copy()
         drum["tool"], drum["action"], drum["work"] = 2, SweepAction.MILL, 100.0

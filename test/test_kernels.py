@@ -20,7 +20,8 @@ def kernels_of(package):
         for value in vars(importlib.import_module(info.name)).values():
             is_threaded = isinstance(value, ThreadedKernel)
             versions = (value.for_threads(1), value.for_threads(2)) if is_threaded else (value,)
-            for kernel in versions:
+            for version in versions:
+                kernel = getattr(version, "dispatcher", version)
                 if isinstance(kernel, Dispatcher):
                     dispatchers[f"{info.name}.{kernel.py_func.__name__}"] = kernel
     return dispatchers

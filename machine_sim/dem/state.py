@@ -12,7 +12,7 @@ from numba import literal_unroll
 from numpy.typing import ArrayLike, NDArray
 
 from msg_bridge.contract.errors import EarthmovingError
-from msg_bridge.kernels import BoxedTable, box_table, kernel
+from msg_bridge.kernels import BoxedTable, box_table, fixed_signature_kernel, kernel
 
 __all__ = ["ASLEEP_ON_MAP", "AWAKE", "ParticleError", "ParticleState"]
 
@@ -305,7 +305,7 @@ def _other_rows(rows, count):  # type: ignore[no-untyped-def]
     return np.flatnonzero(keep)
 
 
-@kernel
+@fixed_signature_kernel
 def _move_rows_down(kept, scalar_columns, vector_columns):  # type: ignore[no-untyped-def]
     """Make row `kept[k]` row k of every column, in place.
 

@@ -23,7 +23,7 @@ from machine_sim.machine.tools.open_container import (
     Opening,
     is_in_struck_volume,
 )
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper
 
 __all__ = ["room_below_level"]
 
@@ -65,7 +65,7 @@ def room_below_level(shape: OpenContainer, particles: SoilEngine, pose: Pose) ->
     return room
 
 
-@kernel
+@fixed_signature_kernel
 def _room_below_level(  # type: ignore[no-untyped-def]
     profile, width, opening, inside, rotation, origin, elevation, frame, soil
 ):

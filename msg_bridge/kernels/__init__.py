@@ -1,6 +1,7 @@
 """Compilation of Numba kernels, with options that soil and machines share.
 
 - `decorators`: `kernel` and `helper`, with the options that all kernels are compiled with
+- `fixed_signature`: `fixed_signature_kernel`, for kernels that are called many times in a step
 - `boxed`: tables of arrays that are converted for kernels once, not in each call
 - `threads`: kernels that run on one or on several threads
 - `compilation`: progress of compilation, for the log of a process
@@ -10,6 +11,7 @@
 from msg_bridge.kernels.boxed import BoxedTable, box_table
 from msg_bridge.kernels.compilation import log_compilation, warn_of_compilation
 from msg_bridge.kernels.decorators import helper, kernel
+from msg_bridge.kernels.fixed_signature import fixed_signature_kernel
 from msg_bridge.kernels.threads import (
     ThreadedKernel,
     threaded_helper,
@@ -22,6 +24,7 @@ __all__ = [
     "BoxedTable",
     "ThreadedKernel",
     "box_table",
+    "fixed_signature_kernel",
     "helper",
     "kernel",
     "log_compilation",

@@ -7,6 +7,8 @@ step. A boxed table is passed in half a microsecond.
 
 from __future__ import annotations
 
+from functools import cache
+from types import FunctionType
 from typing import Any
 
 from numba import types
@@ -50,11 +52,24 @@ _define_proxy(BoxedTable, _BoxedTableType, ["table"])
 
 def box_table(table: Any) -> BoxedTable:
     """Return the `BoxedTable` of a NamedTuple of arrays and numbers, nested ones included."""
-    boxed: BoxedTable = _box_table(table)
+    table_type: Any = type(table)
+    boxed: BoxedTable = _boxing_kernel(table_type)(table)
     boxed.source = table
     return boxed
 
 
-@kernel
-def _box_table(table):  # type: ignore[no-untyped-def]
+@cache
+def _boxing_kernel(table_type: Any) -> Any:
+    """Return the kernel that boxes tables of one type.
+
+    With one kernel for all types, a process would import the types of all programs that have filled
+    the cache: machines, and their physics engine, in a soil node.
+    """
+    name = f"{_box.__name__}_{table_type.__module__}_{table_type.__qualname__}".replace(".", "_")
+    function = FunctionType(_box.__code__, _box.__globals__, name)
+    function.__qualname__, function.__module__ = name, _box.__module__
+    return kernel(function)
+
+
+def _box(table):  # type: ignore[no-untyped-def]
     return BoxedTable(table)  # type: ignore[no-untyped-call]

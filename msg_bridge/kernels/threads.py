@@ -8,7 +8,8 @@ from typing import Any
 
 import numba
 
-from msg_bridge.kernels.decorators import helper, kernel
+from msg_bridge.kernels.decorators import helper
+from msg_bridge.kernels.fixed_signature import fixed_signature_kernel
 
 __all__ = [
     "ThreadedKernel",
@@ -28,14 +29,18 @@ class ThreadedKernel:
     """
 
     def __init__(
-        self, function: FunctionType, *, has_loops: bool = True, compile_: Any = kernel
+        self,
+        function: FunctionType,
+        *,
+        has_loops: bool = True,
+        compile_: Any = fixed_signature_kernel,
     ) -> None:
         """
         Args:
             function: the function to compile.
             has_loops: whether it has loops over `prange` of its own; else only the kernels that it
                 calls run on several threads.
-            compile_: `kernel`, or `helper` if Python never calls it.
+            compile_: `fixed_signature_kernel`, or `helper` if Python never calls it.
         """
         self._function = function
         self._has_loops = has_loops

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper
 from soil_sim.columns.state import Columns, SurfaceMaterial
 
 __all__ = ["ChangeTracker", "ColumnChanges"]
@@ -93,7 +93,7 @@ class ChangeTracker:
         return columns.firm, columns.loose, columns.bulk - columns.packing, surface
 
 
-@kernel
+@fixed_signature_kernel
 def _find_changes(  # type: ignore[no-untyped-def]
     boxed_columns, repose_tan, frame, touched, volume_change_mm3, previous, material
 ):

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper, kernel
 from soil_sim.excavation.rasterize_triangle import rasterize_quad, refine_column
 from soil_sim.tool_sweeps import interpolate_key_point
 
@@ -31,7 +31,7 @@ _BOUNDS_TOLERANCE = 1e-3
 """Extension of bounding rows and columns against rounding [cells]."""
 
 
-@kernel
+@fixed_signature_kernel
 def max_columns_touched(points, has_plate, boxed_raster):  # type: ignore[no-untyped-def]
     """Return an upper bound of the number of columns that pairs and plates touch in the tick.
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.kernels import BoxedTable, box_table, kernel
+from msg_bridge.kernels import BoxedTable, box_table, fixed_signature_kernel
 
 __all__ = [
     "MOMENT_X",
@@ -140,7 +140,7 @@ def _slot_tables(arrays: RefinedArrays) -> tuple[NDArray[np.generic], ...]:
     )
 
 
-@kernel
+@fixed_signature_kernel
 def _free_unused_slots(boxed_arrays, count, tick):  # type: ignore[no-untyped-def]
     """Free the slots of columns that no tool was in, and close the gaps.
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import UNLIMITED_ROOM
-from msg_bridge.kernels import BoxedTable, box_table, helper, kernel
+from msg_bridge.kernels import BoxedTable, box_table, fixed_signature_kernel, helper, kernel
 from soil_sim.columns.occupancy import FREE, TOOL_INSIDE
 from soil_sim.columns.operations import mix_moisture, remove_from_column
 from soil_sim.columns.state import Columns
@@ -164,7 +164,7 @@ class SweptCut:
         return self._displacement.end_tick(), freed
 
 
-@kernel
+@fixed_signature_kernel
 def _cut_sweep(points, has_plate, boxed_raster, boxed_columns, tick, count):  # type: ignore[no-untyped-def]
     """Rasterize the sweep of a tool, and remove what the subcolumns lose from the columns.
 

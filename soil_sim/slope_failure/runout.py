@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper
 from soil_sim.columns.occupancy import TOOL_INSIDE
 from soil_sim.columns.operations import add_loose
 from soil_sim.slope_failure.cell_queue import enqueue
@@ -63,7 +63,7 @@ def join_shares(parts: Sequence[ColumnShares]) -> ColumnShares:
     return ColumnShares(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
-@kernel
+@fixed_signature_kernel
 def deposit_with_runout(slopes, shares, first_index, budget):  # type: ignore[no-untyped-def]
     """Add loose soil to columns and let it run out, in at most about `budget` steps.
 

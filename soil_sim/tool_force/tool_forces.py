@@ -21,7 +21,7 @@ from msg_bridge.contract.rows import (
     empty_rows,
     join_rows,
 )
-from msg_bridge.kernels import BoxedTable, box_table, helper, kernel
+from msg_bridge.kernels import BoxedTable, box_table, fixed_signature_kernel, helper, kernel
 from soil_sim.columns.state import Columns
 from soil_sim.excavation.milled_cut import CONTACT_FORCE, CONTACT_POINT, Milling
 from soil_sim.soils.soil_types import SoilType
@@ -129,7 +129,7 @@ def set_milling_forces(forces: Rows, millings: Sequence[Milling]) -> Rows:
     return join_rows([forces, remaining[is_in_the_way]], FORCE)
 
 
-@kernel
+@fixed_signature_kernel
 def _blade_forces(rows, points, first, ground):  # type: ignore[no-untyped-def]
     """Return the FORCE rows without those of drums, and the results of `_blade_wrenches`."""
     wrenches, has_drums = _blade_wrenches(rows, points, first, ground)

@@ -134,6 +134,19 @@ def test_volume_too_large_for_a_row_is_split() -> None:
     assert start - soil.total_mm3 == int(rows["volume_mm3"].astype(np.int64).sum())
 
 
+def test_rows_of_any_memory_layout_give_the_same_terrain() -> None:
+    sweeps = bucket_sweep((0.0, 0.0, -0.3), (0.2, 0.0, -0.3))
+    requests = make_deposit_requests([1.0, 1.5], 0.0, 1_000_000)
+    hashes = []
+    for stride in (1, 2):
+        soil = flat_soil(6.0, 0.2)
+        soil.step(1, sweeps.repeat(stride)[::stride], requests.repeat(stride)[::stride])
+        hashes.append(soil.state_hash())
+    assert hashes[0] == hashes[1] != flat_soil(6.0, 0.2).state_hash()
+    with pytest.raises(SoilError, match="1-D"):
+        soil.step(2, sweeps[None], requests)
+
+
 def test_heights_that_are_not_finite_are_rejected() -> None:
     heights = np.zeros((8, 8))
     heights[3, 4] = np.nan

@@ -1,4 +1,4 @@
-"""No tick compiles anything after the warm-up."""
+"""No tick compiles anything after the warm-up, and no cached kernel brings the machines with it."""
 
 import subprocess
 import sys
@@ -7,6 +7,8 @@ import pytest
 
 # Prints the kernels that Numba compiles or loads while soil is dug and filled, after a warm-up.
 PROBE = """\
+import sys
+
 import numpy as np
 from numba.core import dispatcher
 from msg_bridge.contract.grid import Grid
@@ -27,6 +29,7 @@ for tick in range(1, 30):
     sweeps = empty_rows(SWEEP, 20)
     sweeps["pair"] = (0, 0, 1, 1, 2, 2, 0, 0, 1, 1, 0, 0, 1, 1, 2, 2, 3, 3, 4, 4)
     sweeps["tool"][6:], sweeps["action"][6:] = 1, SweepAction.COMPACT
+    sweeps["pressure"][6:10] = 1e4
     sweeps["y0"] = sweeps["y1"] = (0.5, -0.5) * 10
     sweeps["z0"][:10] = (0.0, 0.0, 0.3, 0.3, 0.6, 0.6, 0.0, 0.0, 0.3, 0.3)
     sweeps["x0"], sweeps["x1"] = 0.05 * tick, 0.05 * (tick + 1)
@@ -42,6 +45,7 @@ for tick in range(1, 30):
     SoilInventory().record_conversions(step.conversions, {0: 1})
     soil.state_hash()
 assert step.map_updates.size
+assert not [name for name in sys.modules if name.startswith("machine_sim")]
 print(*(kernel.py_func.__name__ for kernel in compiled))
 """
 

@@ -15,7 +15,7 @@ from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.tools.plane import signed_distance
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import to_tool_frame
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper
 
 __all__ = ["GrowthView", "grow_radii", "growth_per_step", "set_initial_radii"]
 
@@ -45,7 +45,7 @@ def growth_per_step(dt: float, params: ParticleParams) -> float:
     return dt * (1.0 - params.release_radius_fraction) / max(params.growth_time, dt)
 
 
-@kernel
+@fixed_signature_kernel
 def set_initial_radii(  # type: ignore[no-untyped-def]
     max_fraction, first, second, view, plate_contacts, tools, ground_contacts
 ):
@@ -140,7 +140,7 @@ def _separate_coincident(first, second, view):  # type: ignore[no-untyped-def]
         position[j, 2] += shift * z
 
 
-@kernel
+@fixed_signature_kernel
 def grow_radii(max_growth, first, second, view):  # type: ignore[no-untyped-def]
     """Grow contact radii that are below the full radius.
 

@@ -14,7 +14,7 @@ from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import to_tool_frame
 from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS, ToolSet
 from machine_sim.ground.contact_surface import Ground
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper, kernel
 
 __all__ = ["distance_to_plates", "settled_ids"]
 
@@ -41,13 +41,13 @@ def settled_ids(
     size_x, size_y = ground.grid.size
     ids: NDArray[np.uint32] = _settled_ids(
         state.boxed_view(_SettlingView), 0.5 * size_x, 0.5 * size_y,
-        np.float32(params.settle_time), tools.boxed_motion, tools.pack_end_poses(),
+        np.float32(params.settle_time), tools.boxed_motion, tools.end_poses,
         params.tool_clearance,
     )  # fmt: skip
     return ids
 
 
-@kernel
+@fixed_signature_kernel
 def _settled_ids(  # type: ignore[no-untyped-def]
     boxed_particles, half_x, half_y, settle_time, boxed_tools, poses, clearance
 ):

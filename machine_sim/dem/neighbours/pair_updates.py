@@ -13,12 +13,12 @@ import numpy as np
 
 from machine_sim.dem.neighbours.skin_widths import ListedParticles
 from machine_sim.dem.vec3 import dot, load_row, subtract
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import fixed_signature_kernel, kernel
 
 __all__ = ["insert_rows", "keep_listed", "mean_displacement", "remove_pairs"]
 
 
-@kernel
+@fixed_signature_kernel
 def remove_pairs(kept, num_listed, pairs, num_pairs):  # type: ignore[no-untyped-def]
     """Delete the pairs of removed rows, and renumber the rows of the others.
 
@@ -47,7 +47,7 @@ def remove_pairs(kept, num_listed, pairs, num_pairs):  # type: ignore[no-untyped
     return count
 
 
-@kernel
+@fixed_signature_kernel
 def keep_listed(kept, active, listed):  # type: ignore[no-untyped-def]
     """Return which rows are active, and `ListedParticles`, of the rows `kept` only."""
     position = np.empty((kept.size, 3))

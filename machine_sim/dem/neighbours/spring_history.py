@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from machine_sim.dem.neighbours.history_transfer import BOTH_ASLEEP
 from machine_sim.dem.neighbours.pair_table import PairTable
 from machine_sim.dem.state import ASLEEP_ON_MAP, ParticleState
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper, kernel
 
 __all__ = ["SpringHistory"]
 
@@ -173,7 +173,7 @@ def _save(pairs, count, ids, sleep_state, table, springs):  # type: ignore[no-un
     return num_new
 
 
-@kernel
+@fixed_signature_kernel
 def _restore(pairs, count, ids, old_row, was_active, table, springs):  # type: ignore[no-untyped-def]
     """Move the springs of listed pairs that were both asleep from the table to the pairs.
 

@@ -17,7 +17,7 @@ from machine_sim.dem.sleep.sleep_timers import update_sleep_timers
 from machine_sim.dem.sleep.support import trace_support
 from machine_sim.dem.sleep.wake_conditions import wake_touching
 from machine_sim.dem.tools.pose import is_moving
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper
 
 __all__ = ["update_sleep"]
 
@@ -25,7 +25,7 @@ _MIN_LOCKED_FRACTION = 0.95
 """Minimum fraction of the particles in a tool that can be locked, else none is locked."""
 
 
-@kernel
+@fixed_signature_kernel
 def update_sleep(  # type: ignore[no-untyped-def]
     dt, boxed_params, rows, inside, boxed_particles, boxed_tools, boxed_gravity, boxed_pairs,
     boxed_plates, num_plate_contacts, boxed_ground, num_ground_contacts,

@@ -19,12 +19,12 @@ from machine_sim.dem.sleep.wake_conditions import (
     wake_on_changed_ground,
 )
 from machine_sim.dem.tools.pose import is_moving
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper
 
 __all__ = ["wake_disturbed"]
 
 
-@kernel
+@fixed_signature_kernel
 def wake_disturbed(  # type: ignore[no-untyped-def]
     dt, boxed_params, boxed_particles, boxed_tools, boxed_gravity, spheres, changed, frame
 ):

@@ -33,12 +33,11 @@ __all__ = [
     "Pose",
     "interpolate_poses",
     "is_moving",
-    "pack_pose",
+    "pack_motion",
     "rotate_to_map_axes",
     "rotate_to_tool_axes",
     "to_tool_frame",
-    "validate_motion",
-    "validate_pose",
+    "unpack_pose",
     "velocity_at",
 ]
 
@@ -72,36 +71,35 @@ Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Pose of a tool frame in the map frame: its axes as columns, (3, 3), and its origin [m], (3,)."""
 
 
-def validate_pose(pose: Pose) -> Pose:
-    """Return a copy of a pose in float64.
+def pack_motion(
+    start: Pose, end: Pose, start_record: NDArray[np.float64], end_record: NDArray[np.float64]
+) -> None:
+    """Write two poses, between which a tool can move in a step, into records.
+
+    Args:
+        start, end: the poses.
+        start_record, end_record: out, packed poses, shape (POSE_SIZE,) each.
 
     Raises:
-        ParticleError: wrong shapes, values that are not finite, or a matrix that is no rotation.
+        ParticleError: wrong shapes, values that are not finite, a matrix that is no rotation, or a
+            rotation by 90 degrees or more; nothing was written.
     """
-    rotation, position = _copy_pose(pose)
-    _raise_error(_pose_error(rotation, position))
-    return rotation, position
+    _raise_error(_pack_motion(*_as_arrays(start), *_as_arrays(end), start_record, end_record))
 
 
-def validate_motion(start: Pose, end: Pose) -> tuple[Pose, Pose]:
-    """Return copies of two poses in float64, between which a tool can move in a step.
-
-    Raises:
-        ParticleError: an invalid pose, see `validate_pose`, or a rotation by 90 degrees or more.
-    """
-    start, end = _copy_pose(start), _copy_pose(end)
-    _raise_error(_motion_error(*start, *end))
-    return start, end
+def unpack_pose(record: NDArray[np.float64]) -> Pose:
+    """Return the pose of a record as views of it."""
+    return record[XX:ORIGIN].reshape(3, 3), record[ORIGIN:POSE_SIZE]
 
 
-def _copy_pose(pose: Pose) -> Pose:
-    """Return a copy of a pose in float64.
+def _as_arrays(pose: Pose) -> Pose:
+    """Return a pose as float64.
 
     Raises:
         ParticleError: wrong shapes.
     """
-    rotation = np.array(pose[0], dtype=np.float64)
-    position = np.array(pose[1], dtype=np.float64)
+    rotation = np.asarray(pose[0], dtype=np.float64, order="C")
+    position = np.asarray(pose[1], dtype=np.float64, order="C")
     if rotation.shape != (3, 3) or position.shape != (3,):
         raise ParticleError(
             f"a pose is a 3 x 3 rotation and a position of 3 coordinates, not {rotation.shape} and"
@@ -121,8 +119,8 @@ def _raise_error(error: int) -> None:
 
 
 @kernel
-def _motion_error(start, start_position, end, end_position):  # type: ignore[no-untyped-def]
-    """Return the error code of the motion between two poses, 0 if it is valid."""
+def _pack_motion(start, start_position, end, end_position, start_record, end_record):  # type: ignore[no-untyped-def]
+    """Pack the poses of a motion, or return its error code; 0 if it is valid."""
     error = max(_pose_error(start, start_position), _pose_error(end, end_position))
     if error:
         return error
@@ -130,15 +128,20 @@ def _motion_error(start, start_position, end, end_position):  # type: ignore[no-
     for i in range(3):
         for j in range(3):
             trace += start[i, j] * end[i, j]
-    return _LARGE_ROTATION if 0.5 * (trace - 1.0) <= 0.0 else 0
+    if 0.5 * (trace - 1.0) <= 0.0:
+        return _LARGE_ROTATION
+    for i in range(3):
+        for j in range(3):
+            start_record[3 * i + j], end_record[3 * i + j] = start[i, j], end[i, j]
+        start_record[ORIGIN + i], end_record[ORIGIN + i] = start_position[i], end_position[i]
+    return 0
 
 
-@kernel
+@helper
 def _pose_error(rotation, position):  # type: ignore[no-untyped-def]
     """Return the error code of a pose, 0 if it is valid.
 
-    Rows, and so columns, must be unit axes of a right-handed frame. This is a kernel because it
-    runs four times a tick: the NumPy calls would take longer than all of it.
+    Rows, and so columns, must be unit axes of a right-handed frame.
     """
     for i in range(3):
         for j in range(3):
@@ -159,12 +162,6 @@ def _pose_error(rotation, position):  # type: ignore[no-untyped-def]
         cross = rotation[0, m] * rotation[1, n] - rotation[0, n] * rotation[1, m]
         max_error = max(max_error, abs(cross - rotation[2, k]))
     return 0 if max_error < _ROTATION_TOLERANCE else _NOT_A_ROTATION
-
-
-def pack_pose(pose: Pose, record: NDArray[np.float64]) -> None:
-    """Write a pose into a record, shape (POSE_SIZE,)."""
-    record[XX:ORIGIN] = pose[0].ravel()
-    record[ORIGIN:POSE_SIZE] = pose[1]
 
 
 @kernel

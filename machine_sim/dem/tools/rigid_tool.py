@@ -11,7 +11,7 @@ from machine_sim.dem.state import ParticleError
 from machine_sim.dem.tools.convex_hull import convex_hull_planes
 from machine_sim.dem.tools.plane import PLANE_OFFSET
 from machine_sim.dem.tools.plates import Plates
-from machine_sim.dem.tools.pose import Pose, validate_motion, validate_pose
+from machine_sim.dem.tools.pose import POSE_SIZE, Pose, pack_motion, unpack_pose
 
 __all__ = ["RigidTool"]
 
@@ -26,7 +26,8 @@ class RigidTool:
         centre: centre of its bounding sphere [m], tool frame, shape (3,).
         bounding_radius: radius of its bounding sphere [m].
         is_digging: whether it enters the ground, see `near_tools.classify_near_tools`.
-        start, end: pose at the start and at the end of a step.
+        records: packed poses at the start and at the end of a step, shape (2, POSE_SIZE); a view of
+            those of all tools in a `ToolSet`.
     """
 
     def __init__(
@@ -45,7 +46,8 @@ class RigidTool:
         self.centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
         self.bounding_radius = float(np.linalg.norm(corners - self.centre, axis=1).max())
         self.is_digging = is_digging
-        self.start = self.end = validate_pose(pose)
+        self.records = np.empty((2, POSE_SIZE))
+        pack_motion(pose, pose, *self.records)
 
     def move(self, start: Pose, end: Pose) -> None:
         """Set the motion of the next step.
@@ -53,7 +55,17 @@ class RigidTool:
         Raises:
             ParticleError: an invalid pose, or a rotation by 90 degrees or more; nothing was set.
         """
-        self.start, self.end = validate_motion(start, end)
+        pack_motion(start, end, *self.records)
+
+    @property
+    def start(self) -> Pose:
+        """Pose at the start of a step; views of its record."""
+        return unpack_pose(self.records[0])
+
+    @property
+    def end(self) -> Pose:
+        """Pose at the end of a step; views of its record."""
+        return unpack_pose(self.records[1])
 
     def to_local_frame(self, position: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transform points [m], shape (n, 3), from the map frame to the frame at the end pose."""

@@ -14,7 +14,6 @@ from machine_sim.dem.tools.pose import (
     POSE_SIZE,
     TWIST_SIZE,
     interpolate_poses,
-    pack_pose,
 )
 from machine_sim.dem.tools.rigid_tool import RigidTool
 from msg_bridge.kernels import BoxedTable, box_table
@@ -133,22 +132,19 @@ class ToolSet:
         """Interpolate the poses of a step of `dt` [s], and clear the wrenches."""
         if not self.tools:
             return
-        for t, tool in enumerate(self.tools):
-            pack_pose(tool.start, self._start[t])
-        interpolate_poses(self._start, self.pack_end_poses(), dt, self.path, self.twist)
+        interpolate_poses(*self._poses, dt, self.path, self.twist)
         self.wrench[:] = 0.0
 
-    def pack_end_poses(self) -> NDArray[np.float64]:
-        """Return the packed end poses of all tools, shape (tools, POSE_SIZE)."""
-        for t, tool in enumerate(self.tools):
-            pack_pose(tool.end, self._end[t])
-        return self._end
+    @property
+    def end_poses(self) -> NDArray[np.float64]:
+        """Packed end poses of all tools, shape (tools, POSE_SIZE)."""
+        end: NDArray[np.float64] = self._poses[1]
+        return end
 
     def end_step(self) -> None:
         """Leave the tools at their end poses until they are moved again."""
         self.wrench /= self.substeps
-        for tool in self.tools:
-            tool.start = tool.end
+        self._poses[0] = self._poses[1]
 
     def _rebuild_arrays(self) -> None:
         count = len(self.tools)
@@ -163,7 +159,10 @@ class ToolSet:
         num_planes = [len(hull) for hull in hulls]
         self.first_plane = np.concatenate([[0], np.cumsum(num_planes)]).astype(np.int64)
         self.is_digging = np.array([tool.is_digging for tool in self.tools], dtype=np.bool_)
-        self._start, self._end = np.zeros((count, POSE_SIZE)), np.zeros((count, POSE_SIZE))
+        self._poses = np.zeros((2, count, POSE_SIZE))  # at the start and at the end of a step
+        for t, tool in enumerate(self.tools):
+            self._poses[:, t] = tool.records
+            tool.records = self._poses[:, t]
         self.path = np.zeros((self.substeps + 1, count, POSE_SIZE))
         self.twist = np.zeros((count, TWIST_SIZE))
         self.wrench = np.zeros((count, TWIST_SIZE))

@@ -42,7 +42,7 @@ from machine_sim.machine.tracks.track_state import (
     TrackDimensions,
     TrackState,
 )
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper
 
 __all__ = ["POINTS_PER_SHOE", "KinematicTables", "kinematic_track_step"]
 
@@ -83,7 +83,7 @@ class KinematicTables(NamedTuple):
     state: TrackState
 
 
-@kernel
+@fixed_signature_kernel
 def kinematic_track_step(dt, motion, boxed):  # type: ignore[no-untyped-def]
     """Advance both belts by one time step and find the ground's wrench on the machine.
 

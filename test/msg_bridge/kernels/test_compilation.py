@@ -47,8 +47,7 @@ def test_first_run_logs_progress_and_late_compilation_and_the_next_run_nothing(
     tmp_path: Path,
 ) -> None:
     progress, end, warning = run_script(tmp_path)
-    # The three above, and `box_table` of the package.
-    assert progress == "log: compiling kernels: 0 of 4, 0 s"
+    assert progress == "log: compiling kernels: 0 of 3, 0 s"
     assert end.startswith("log: compiled 2 kernels in ")
     assert warning.startswith("warning: compiled kernel __main__.late while running")
     assert run_script(tmp_path) == []

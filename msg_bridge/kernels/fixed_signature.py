@@ -1,0 +1,88 @@
+"""Kernels that are called without Numba's search for the compiled version for the arguments.
+
+For each call Numba determines the type of every argument, which takes 2 microseconds per boxed
+table or tuple: with the tables of a simulation several times as long as a short kernel. A kernel of
+which there is one version, for arguments that the project's own code makes, needs no search.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from numba import typeof
+
+from msg_bridge.kernels.decorators import kernel
+
+__all__ = ["CHECK_VARIABLE", "FixedSignatureKernel", "fixed_signature_kernel"]
+
+CHECK_VARIABLE = "EARTHMOVING_CHECK_KERNEL_ARGUMENTS"
+"""Environment variable; if it is not empty, each call checks the types. Tests set it."""
+
+
+class FixedSignatureKernel:
+    """A kernel whose arguments have the types of the first call in all calls.
+
+    Numbers are converted. Arrays of another data type or memory layout, and other tables, would be
+    misread: pass only what the code around the kernel makes itself, no argument of a user's.
+    """
+
+    def __init__(self, dispatcher: Any) -> None:
+        """
+        Args:
+            dispatcher: the kernel, as returned by `kernel`.
+        """
+        self.dispatcher = dispatcher
+        self._call = self._compile_and_call
+
+    def __call__(self, *args: Any) -> Any:
+        """Call the kernel.
+
+        Raises:
+            TypeError: a call with other types, if `CHECK_VARIABLE` is set.
+        """
+        return self._call(*args)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """Type of this object for Numba, in a kernel that calls it."""
+        return self.dispatcher._numba_type_
+
+    def _compile_and_call(self, *args: Any) -> Any:
+        """Call the kernel by its dispatcher, and the compiled version in all later calls."""
+        result = self.dispatcher(*args)
+        # Kernels that call this one may have compiled other versions of it.
+        if os.environ.get(CHECK_VARIABLE):
+            self._call = _CheckedCall(self.dispatcher, args)
+        else:
+            self._call = self.dispatcher.overloads[_types_of(args)].entry_point
+        return result
+
+
+class _CheckedCall:
+    """Calls of a dispatcher that check the types of the arguments."""
+
+    def __init__(self, dispatcher: Any, args: tuple[Any, ...]) -> None:
+        self._dispatcher = dispatcher
+        self._types = _types_of(args)
+
+    def __call__(self, *args: Any) -> Any:
+        types = _types_of(args)
+        if types != self._types:
+            raise TypeError(
+                f"the kernel {self._dispatcher.py_func.__qualname__} is called with the types"
+                f" {types} after {self._types}; decorate it with `kernel`, or convert the arguments"
+            )
+        return self._dispatcher(*args)
+
+
+def _types_of(args: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return Numba's types of some arguments."""
+    return tuple(map(typeof, args))
+
+
+def fixed_signature_kernel(function: Any = None, **options: Any) -> Any:
+    """Compile a kernel that is called without a search; use as `kernel`."""
+    if function is None:
+        return lambda function: fixed_signature_kernel(function, **options)
+    return FixedSignatureKernel(kernel(function, **options))
