@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from machine_sim.dem.contacts.plate_contacts import MIN_PLATE_RADIUS_FRACTION
 from machine_sim.dem.lifecycle.release_validation import ReleaseBatch, validate_release
 from machine_sim.dem.lifecycle.settling import settled_ids
 from machine_sim.dem.materials import ContactCoefficients, ContactMaterials
@@ -21,6 +22,8 @@ from msg_bridge.contract.loose_soil import LooseSoil
 
 __all__ = ["ContactCoefficients", "SoilEngine", "read_only"]
 
+_RELEASE_MARGIN = 1.02
+"""Distance of released soil from plates over that at which it touches them."""
 _MAX_STEP = 0.1
 """Maximum time step [s]."""
 
@@ -141,6 +144,21 @@ class SoilEngine(ABC):
         state.frozen[rows] = False
         state.inverse_mass[rows] = 1.0 / state.mass[rows]
         state.settle_timer[rows] = 0.0
+
+    def release_clearance(
+        self,
+        volume_mm3: NDArray[np.int64],
+        soil: NDArray[np.uint8],
+        moisture: NDArray[np.uint8],
+    ) -> float:
+        """Return the distance from plates at which released soil touches none of them [m].
+
+        Args:
+            volume_mm3, soil, moisture: of the bodies to release, as of `add`, shape (n,).
+        """
+        kind = soil.astype(np.int64), np.minimum(moisture, 100)
+        radius = float(self._materials.radius(volume_mm3 * 1e-9, *kind).max())
+        return _RELEASE_MARGIN * MIN_PLATE_RADIUS_FRACTION * radius
 
     def settled(self) -> NDArray[np.uint32]:
         """Return the ids of the settled bodies, ascending; see `lifecycle.settling`."""

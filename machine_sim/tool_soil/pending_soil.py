@@ -43,7 +43,7 @@ _MIN_VOLUME_FRACTION = 0.25
 """Minimum volume of a particle as a fraction of the nominal volume."""
 
 _CLEARANCE = 0.02
-"""Minimum distance of a released particle from the tool's plates [m]."""
+"""Minimum distance of any released particle from the tool's plates [m]."""
 
 
 def coarse_graining_factor(count: int, capacity: int) -> float:
@@ -300,10 +300,12 @@ class PendingSoil:
         """Insert the particles of a batch into the engine; arguments as for `release`."""
         rotation, origin = pose
         volume = np.array(batch.volumes, dtype=np.int64)
+        soil, moisture = (np.array(each, dtype=np.uint8) for each in (batch.soils, batch.moistures))
+        clearance = max(_CLEARANCE, particles.release_clearance(volume, soil, moisture))
         # Particles of one point scatter over the volume of their soil.
         spread = 0.5 * np.cbrt(volume * 1e-9)[:, None]
         local = np.array(batch.points) + spread * self._rng.uniform(-1.0, 1.0, (volume.size, 3))
-        local = self._shape.release_points(local, _CLEARANCE, rotation[2])
+        local = self._shape.release_points(local, clearance, rotation[2])
         lever_arm = local @ rotation.T
         if release_twist is None:
             velocity = np.zeros_like(local)
@@ -313,8 +315,8 @@ class PendingSoil:
             lever_arm + origin,
             velocity,
             volume,
-            np.array(batch.soils, dtype=np.uint8),
-            np.array(batch.moistures, dtype=np.uint8),
+            soil,
+            moisture,
         )
 
 

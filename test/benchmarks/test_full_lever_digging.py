@@ -65,7 +65,7 @@ def test_random_joystick_has_no_outlier(make_run, seed: int) -> None:
     outcome = run.outcome
     assert outcome.problem == ""
     assert outcome.max_fill < MAX_FILL
-    assert outcome.max_excess_speed < 3.0, "m/s"
+    assert outcome.max_excess_speed < 1.5, "m/s; below 0 with four seeds in three minutes"
     assert outcome.max_load_force < 200e3
     assert outcome.imbalance == 0
     assert run.sim.particles.num_plate_tunnellings == 0

@@ -27,9 +27,15 @@ from machine_sim.dem.tools.pose import ANGULAR, ORIGIN, to_tool_frame
 from machine_sim.dem.vec3 import load_row, subtract
 from msg_bridge.kernels import BoxedTable, box_table, helper, kernel
 
-__all__ = ["PlateContactBlocks", "PlateContacts", "fill_plate_blocks", "store_plate_history"]
+__all__ = [
+    "MIN_PLATE_RADIUS_FRACTION",
+    "PlateContactBlocks",
+    "PlateContacts",
+    "fill_plate_blocks",
+    "store_plate_history",
+]
 
-_MIN_PLATE_RADIUS_FRACTION = np.float32(0.5)
+MIN_PLATE_RADIUS_FRACTION = 0.5
 """Minimum radius of a particle in contacts with plates, in full radii. A particle released among
 others starts as a point, and its neighbours would press a point through a plate."""
 _PI = np.float32(np.pi)
@@ -136,7 +142,7 @@ def fill_plate_blocks(  # type: ignore[no-untyped-def]
         x, y, z = to_tool_frame(pose[t], centre[0], centre[1], centre[2])
         plate.store(b, plate.CENTRE, s, plate_coordinates(plates, k, x, y, z))
         contact_radius = body[i, CONTACT_RADIUS]
-        radius = max(contact_radius, _MIN_PLATE_RADIUS_FRACTION * full_radius[i])
+        radius = max(contact_radius, np.float32(MIN_PLATE_RADIUS_FRACTION) * full_radius[i])
         b[plate.RADIUS + s] = radius
         b[plate.RADIUS_RATIO + s] = radius / contact_radius
         b[plate.MASS + s] = mass[i]

@@ -104,7 +104,14 @@ class BucketShape(OpenContainer):
 
     def release_points(self, points: ArrayLike, clearance: float, up: Array) -> Array:
         """Return points inside the bucket for excavated soil; see `CuttingShape.release_points`."""
-        return self.clamp_inside(points, clearance)
+        return self.clamp_inside(points, min(clearance, self._max_clearance))
+
+    @cached_property
+    def _max_clearance(self) -> float:
+        """Half of the largest distance from all plates that a point in the bucket can have [m]."""
+        normals, offsets = self.half_planes
+        distances = (offsets - normals @ self.profile.mean(axis=0))[:-1]
+        return 0.5 * min(0.5 * self.width, float(distances.min()))
 
     def clamp_inside(self, points_local: ArrayLike, clearance: float) -> Array:
         """Return points moved into the struck volume, at `clearance` [m] or more from all plates.

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -44,14 +46,30 @@ def test_parcels_of_a_column_accumulate_to_a_particle() -> None:
     assert soil.total_mm3 == 100_000
 
 
-def test_particles_appear_inside_the_bucket_off_its_plates() -> None:
-    soil, particles = pending(), engine()
-    rows = parcels(*[NOMINAL] * 50)
-    rows["y"] = np.linspace(1.0, 3.0, 50)  # a column may reach beyond the bucket's side
-    soil.receive(rows, POSE, 0)
-    soil.release(particles, POSE, 1)
+@pytest.mark.parametrize("nominal", [NOMINAL, 4 * NOMINAL])
+def test_particles_appear_inside_the_bucket_at_rest_off_its_plates(nominal: int) -> None:
+    soil = PendingSoil(BUCKET, np.random.default_rng(0), nominal_mm3=nominal, max_per_tick=60)
+    params = ParticleParams(gravity=0.0, nominal_volume=nominal)
+    particles = ParticleEngine(params, Ground(GRID, np.full(GRID.shape, -50.0)))
+    particles.add_tool(0, BUCKET.plates(), POSE)
+    for side in (-1.0, 1.0):  # a column may reach beyond the bucket's side
+        rows = parcels(*[nominal] * 3)
+        rows["x"], rows["y"] = POSE[1][0] + np.array([0.3, 0.7, 1.1]), POSE[1][1] + side
+        rows["row"] += 3 * (side > 0.0)
+        soil.receive(rows, POSE, 0)
+    assert soil.release(particles, POSE, 1) == 6
     local = particles.positions - POSE[1]
     assert (np.abs(local[:, 1]) <= 0.5 * BUCKET.width - 0.019).all()
+    particles.step(0.005)
+    # They grow by 0.3 m/s; where they overlapped a plate, it would throw them off at 3 m/s.
+    assert np.abs(particles.velocities).max() < 0.7
+
+
+def test_particles_are_released_into_a_bucket_hardly_larger_than_they_are() -> None:
+    small = dataclasses.replace(BUCKET, profile=0.1 * BUCKET.profile, width=0.1)
+    soil = PendingSoil(small, np.random.default_rng(0), nominal_mm3=NOMINAL, max_per_tick=60)
+    soil.receive(parcels(NOMINAL), POSE, 0)
+    assert soil.release(engine(), POSE, 1) == 1
 
 
 def test_pending_soil_moves_with_the_tool() -> None:
