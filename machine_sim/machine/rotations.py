@@ -91,9 +91,10 @@ def rpy_from_rotation(rotation: Array) -> tuple[float, float, float]:
     m = rotation.tolist()
     level = math.hypot(m[0][0], m[1][0])
     pitch = math.atan2(-m[2][0], level)
-    if level < 1e-9:
-        return math.atan2(-m[1][2], m[1][1]), pitch, 0.0
-    return math.atan2(m[2][1], m[2][2]), pitch, math.atan2(m[1][0], m[0][0])
+    yaw = 0.0 if level < 1e-9 else math.atan2(m[1][0], m[0][0])
+    # The roll that is left after the yaw: near a pitch of 90 degrees the yaw is not exact.
+    s, c = math.sin(yaw), math.cos(yaw)
+    return math.atan2(s * m[0][2] - c * m[1][2], c * m[1][1] - s * m[0][1]), pitch, yaw
 
 
 def cross(a: Array, b: Array) -> Array:

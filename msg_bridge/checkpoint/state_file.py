@@ -19,7 +19,7 @@ from msg_bridge.contract.errors import EarthmovingError
 
 __all__ = ["StateFileError", "load_state_file", "save_state_file"]
 
-_FORMAT = "earthmoving_sim state 2"
+_FORMAT = "earthmoving_sim state 3"
 _MAX_LINE = 1 << 16
 
 

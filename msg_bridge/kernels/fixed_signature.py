@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from numba import typeof
+from numba import typeof, types
 
 from msg_bridge.kernels.decorators import kernel
 
@@ -67,18 +67,23 @@ class _CheckedCall:
         self._types = _types_of(args)
 
     def __call__(self, *args: Any) -> Any:
-        types = _types_of(args)
-        if types != self._types:
-            raise TypeError(
-                f"the kernel {self._dispatcher.py_func.__qualname__} is called with the types"
-                f" {types} after {self._types}; decorate it with `kernel`, or convert the arguments"
-            )
+        for k, (kind, first) in enumerate(zip(_types_of(args), self._types, strict=True)):
+            if _writable(kind) != _writable(first):
+                raise TypeError(
+                    f"argument {k} of the kernel {self._dispatcher.py_func.__qualname__} has the"
+                    f" type {kind!r} after {first!r}; decorate it with `kernel`, or convert it"
+                )
         return self._dispatcher(*args)
 
 
 def _types_of(args: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return Numba's types of some arguments."""
     return tuple(map(typeof, args))
+
+
+def _writable(kind: Any) -> Any:
+    """Return the type of an array that may be written to; a kernel only reads from the others."""
+    return kind.copy(readonly=False) if isinstance(kind, types.Array) else kind
 
 
 def fixed_signature_kernel(function: Any = None, **options: Any) -> Any:

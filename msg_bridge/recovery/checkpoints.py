@@ -24,7 +24,7 @@ from msg_bridge.recovery.errors import RecoveryError
 __all__ = ["Checkpoint", "CheckpointWriter", "read_checkpoints"]
 
 _NAME = "checkpoints.sqlite"
-_FORMAT = 2
+_FORMAT = 3
 
 _NUM_KEPT = 2
 """Number of checkpoints that are kept: if the newest is damaged, the one before it is used."""

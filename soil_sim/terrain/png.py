@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, PngImagePlugin
 
 from soil_sim.errors import TerrainError, TerrainErrorCode
 from soil_sim.terrain.georeference import Georeference
@@ -91,12 +90,9 @@ def write_png(path: Path, height_map: HeightMap, height_range: tuple[float, floa
         "height_range": [low, high],
         "georeference": vars(place) if place else None,
     }
-    chunk = PngImagePlugin.PngInfo()
-    chunk.add_itxt(_KEY, json.dumps(record))
     # Divided first: the inverse of a tiny range would overflow.
     values = np.rint((to_north_up(heights) - low) / (high - low) * _MAX_GREY)
-    picture = np.ascontiguousarray(values.clip(0, _MAX_GREY).astype(np.uint16))
-    Image.fromarray(picture).save(path, format="PNG", pnginfo=chunk)
+    _encode(path, values.clip(0, _MAX_GREY).astype(np.uint16), _KEY, record)
 
 
 def read_png_values(path: Path) -> tuple[NDArray[np.float64], Any]:
@@ -132,10 +128,7 @@ def read_png_values(path: Path) -> tuple[NDArray[np.float64], Any]:
 
 def write_png_values(path: Path, values: NDArray[np.uint8], record: dict[str, Any]) -> None:
     """Write a layer, shape (rows, cols) in matrix order, as 8-bit grey, and a record as text."""
-    chunk = PngImagePlugin.PngInfo()
-    chunk.add_itxt(_LAYER_KEY, json.dumps(record))
-    picture = np.ascontiguousarray(to_north_up(values))
-    Image.fromarray(picture).save(path, format="PNG", pnginfo=chunk)
+    _encode(path, to_north_up(values), _LAYER_KEY, record)
 
 
 def validate_height_range(height_range: Any) -> tuple[float, float]:
@@ -156,8 +149,19 @@ def validate_height_range(height_range: Any) -> tuple[float, float]:
     return low, high
 
 
+def _encode(path: Path, picture: NDArray[np.unsignedinteger], key: str, record: Any) -> None:
+    """Write grey values, shape (height, width), and a record as a text chunk."""
+    from PIL import Image, PngImagePlugin  # here: 4 MB that a node without a PNG does not need
+
+    chunk = PngImagePlugin.PngInfo()
+    chunk.add_itxt(key, json.dumps(record))
+    Image.fromarray(np.ascontiguousarray(picture)).save(path, format="PNG", pnginfo=chunk)
+
+
 def _decode(path: Path) -> tuple[str, NDArray[np.float64], dict[Any, Any]]:
     """Return mode (of Pillow), values, shape (height, width[, channels]), and text chunks."""
+    from PIL import Image
+
     try:
         with Image.open(path, formats=["PNG"]) as image:
             image.verify()  # checks all checksums; the image must be opened again afterwards

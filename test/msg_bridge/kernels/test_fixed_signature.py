@@ -54,6 +54,18 @@ def test_arguments_of_another_type_are_an_error_where_types_are_checked(is_check
 
 
 @pytest.mark.usefixtures("is_checked")
+def test_an_array_that_must_not_be_written_to_is_no_other_type() -> None:
+    @fixed_signature_kernel
+    def total(values: Any) -> Any:
+        return values.sum()
+
+    values = np.ones(3)
+    assert total(values) == 3.0
+    values.flags.writeable = False
+    assert total(values) == 3.0
+
+
+@pytest.mark.usefixtures("is_checked")
 def test_other_kernels_call_it() -> None:
     scale = make_kernel()
 
