@@ -136,7 +136,7 @@ def test_strong_soil_stalls_the_arm_at_its_relief_pressure(dig) -> None:
     for _ in range(75):
         d.step()
         pressures.append(d.machine.cylinders["arm"].cap_side_pressure)
-    # 0.2 to 0.3 of the commanded motion in variants of the scene; soil yields now and then.
+    # 0.14 to 0.49 of the commanded motion in 20 variants of the scene; soil yields now and then.
     assert d.machine.joint_positions[2] - before < 0.6 * 0.5 * 0.75
     assert max(pressures) == pytest.approx(relief, rel=0.01)
     assert np.median(pressures) > 0.8 * relief, "it yields now and then"
