@@ -151,7 +151,7 @@ class SoilEngine(ABC):
         soil: NDArray[np.uint8],
         moisture: NDArray[np.uint8],
     ) -> float:
-        """Return the distance from plates at which released soil touches none of them [m].
+        """Return the distance from plates at which released spheres touch none of them [m].
 
         Args:
             volume_mm3, soil, moisture: of the bodies to release, as of `add`, shape (n,).
