@@ -3,6 +3,8 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
+# Without byte code on disk each process of a node compiles this project's modules for a second.
+unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help setup demo check chromium test test-slow test-chaos test-kill clean distclean
 
 VENV := .venv

@@ -41,7 +41,7 @@ def test_higher_column_has_a_longer_runout(collapse, law):
 @pytest.mark.independent
 @pytest.mark.timeout(1200)
 @SHAPES
-@pytest.mark.parametrize("aspect", [1.0, 2.0, 3.0])  # flatter columns need 100,000 particles
+@pytest.mark.parametrize("aspect", [1.0, 3.0])  # flatter columns need 100,000 particles
 def test_runout_follows_the_law(collapse, aspect):
     result = collapse(SOIL, aspect, 20_000, capacity=20_000)
     assert result.aspect == pytest.approx(aspect, rel=0.05)
