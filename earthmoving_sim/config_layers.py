@@ -25,6 +25,7 @@ from machine_sim.params import MachineSimParams
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
 from msg_bridge.contract.suggestions import did_you_mean, nearest_name, suggestion
+from msg_bridge.yaml_text import load_yaml
 from soil_sim.soils.params import SoilParams
 
 __all__ = ["SECTIONS", "ConfigLayer", "RunParams", "TruckParams", "merge_layers", "read_layer"]
@@ -115,7 +116,7 @@ def read_layer(path: Path) -> ConfigLayer:
         ParameterError: the file is not YAML, has neither format, or names an unknown parameter.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = load_yaml(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, ValueError) as error:  # ValueError: no text, or an invalid date
         raise ParameterError(f"{path} is not YAML: {error}") from error
     content = {} if content is None else content

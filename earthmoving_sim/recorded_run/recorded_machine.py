@@ -25,6 +25,7 @@ from machine_sim.machine import (
     with_track_model,
 )
 from msg_bridge.config_files import ConfigError, find_config
+from msg_bridge.yaml_text import load_yaml
 
 __all__ = ["LipPath", "lip_path", "load_recorded_machine", "shoe_poses"]
 
@@ -60,7 +61,7 @@ def load_recorded_machine(text: str, namespaces: Namespaces) -> MachineSpec:
     try:
         name = str(machine_config_section(text, namespaces)["machine"])
         # The first recordings of format 1 do not name the model of the tracks.
-        tracks = yaml.safe_load(text).get("stepping", {}).get("track_model", "kinematic")
+        tracks = load_yaml(text).get("stepping", {}).get("track_model", "kinematic")
     except (yaml.YAMLError, KeyError, TypeError) as error:
         raise RecordedRunError(
             f"the configuration on {topic} names no machine file: {error!r}; it must have"

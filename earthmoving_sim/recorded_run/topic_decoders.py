@@ -8,7 +8,6 @@ from dataclasses import fields
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from dig_operator import CycleReport, LoadReport
@@ -21,6 +20,7 @@ from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import SoilHeader
+from msg_bridge.yaml_text import load_yaml
 
 __all__ = [
     "CYCLES_SUFFIX",
@@ -117,7 +117,7 @@ def machine_config_section(text: str, namespaces: Namespaces) -> Any:
     Raises:
         KeyError, TypeError, YAMLError: it has no such section.
     """
-    config = yaml.safe_load(text)
+    config = load_yaml(text)
     if namespaces.machine == namespaces.node:
         return config["machine_sim"]
     return config["machines"][namespaces.machine.removeprefix(f"{namespaces.node}/")]

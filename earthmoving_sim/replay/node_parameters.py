@@ -18,6 +18,7 @@ from machine_sim.sensors import SensorParams
 from msg_bridge.codec.run_config import parse_section
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.suggestions import suggestion
+from msg_bridge.yaml_text import load_yaml
 from soil_sim.node.params import SoilNodeParams
 from soil_sim.site.site import SiteParams
 from soil_sim.soils.params import SoilParams
@@ -76,7 +77,7 @@ def parse_change(text: str) -> ParameterChange:
     left, sign, right = text.partition(":=")
     node, _, name = left.rpartition(":")
     try:
-        value = yaml.safe_load(right)
+        value = load_yaml(right)
     except yaml.YAMLError as error:
         raise ParameterError(f"the value in {text!r} is not YAML: {error}") from error
     if isinstance(value, str):  # a number to ROS, but not in YAML 1.1

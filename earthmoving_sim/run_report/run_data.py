@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
-import yaml
-
 from earthmoving_sim.run_report.latency import CommandLatency
 from earthmoving_sim.run_report.terrain_history import TerrainHistory
 from earthmoving_sim.run_report.trace import Trace
 from msg_bridge.codec.labelled_array import array_label
+from msg_bridge.yaml_text import load_yaml
 
 __all__ = [
     "Handler",
@@ -239,7 +238,7 @@ def parse_config(text: str) -> Mapping[str, Any]:
     Raises:
         yaml.YAMLError, TypeError: it is no mapping of sections.
     """
-    content = yaml.safe_load(text)
+    content = load_yaml(text)
     if not isinstance(content, dict):
         raise TypeError("a configuration has sections by name")
     return content

@@ -14,6 +14,7 @@ from earthmoving_sim.run_report.page import Page
 from earthmoving_sim.run_report.run_data import RunData
 from earthmoving_sim.run_report.summary import RunSummary
 from msg_bridge.bag.reader import BagReader
+from msg_bridge.yaml_text import load_yaml
 
 __all__ = ["add_overview", "add_problems", "add_setup", "add_timing"]
 
@@ -179,7 +180,7 @@ def _lost_messages(path: Path) -> str:
     """Return what the recorder lost, by its metadata.yaml; empty for nothing, or if unknown."""
     metadata = path / "metadata.yaml"
     try:
-        information = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]
+        information = load_yaml(metadata.read_text())["rosbag2_bagfile_information"]
         lost = json.loads((information.get("custom_data") or {}).get("lost", "{}"))
         return ", ".join(f"{count} on {topic}" for topic, count in lost.items())
     except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError):

@@ -8,6 +8,7 @@ from pathlib import Path
 import yaml
 
 from msg_bridge.bag.mcap_index import BagReadError
+from msg_bridge.yaml_text import load_yaml
 
 __all__ = ["find_bag_files", "natural_sort_key"]
 
@@ -34,7 +35,7 @@ def find_bag_files(path: Path) -> list[Path]:
             raise BagReadError(f"{path} has neither metadata.yaml nor an .mcap file")
         return files
     try:
-        information = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]
+        information = load_yaml(metadata.read_text())["rosbag2_bagfile_information"]
         storage = information["storage_identifier"]
         names = list(information["relative_file_paths"])
     except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:

@@ -43,6 +43,7 @@ from msg_bridge.bag.legacy_names import (
     SOIL_KEYS,
     TRACK_MODELS,
 )
+from msg_bridge.yaml_text import load_yaml
 
 __all__ = ["RecordedRun", "upgrade_message"]
 
@@ -223,7 +224,7 @@ def _periods_to_rates(section: dict[str, Any]) -> bool:
 
 def _upgrade_config(text: str) -> str:
     try:
-        config = yaml.safe_load(text)
+        config = load_yaml(text)
         has_periods = _periods_to_rates(config.get("soil_sim", {}))
         if "epoch" not in config["run"]:
             return str(yaml.safe_dump(config, sort_keys=False)) if has_periods else text

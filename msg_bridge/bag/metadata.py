@@ -8,6 +8,8 @@ from typing import Any
 
 import yaml
 
+from msg_bridge.yaml_text import load_yaml
+
 __all__ = [
     "INFINITE",
     "BagMetadata",
@@ -149,7 +151,7 @@ def from_qos_yaml(text: str) -> tuple[OfferedQos, ...]:
     is no such list gives none.
     """
     try:
-        entries = yaml.safe_load(text) or []
+        entries = load_yaml(text) or []
     except yaml.YAMLError:
         return ()
     return tuple(_parse_qos(each) for each in entries if isinstance(each, dict))

@@ -33,6 +33,7 @@ from msg_bridge.bag.message_index import MessageIndex
 from msg_bridge.bag.metadata import OfferedQos, from_qos_yaml
 from msg_bridge.bag.terrain_deltas import has_deltas, map_topic_of_deltas
 from msg_bridge.contract import topics
+from msg_bridge.yaml_text import load_yaml
 
 __all__ = ["BagReadError", "BagReader", "TopicInfo"]
 
@@ -291,7 +292,7 @@ class BagReader:
 def _parse_run(text: str) -> RecordedRun | None:
     """Return the run of a configuration; None if it cannot be read."""
     try:
-        run = yaml.safe_load(text)["run"]
+        run = load_yaml(text)["run"]
         return RecordedRun(int(run["run_id"]), float(run["tick_period"]))
     except (yaml.YAMLError, KeyError, TypeError, ValueError):
         return None

@@ -18,6 +18,7 @@ from msg_bridge.bag.mcap_index import BagReadError
 from msg_bridge.bag.metadata import BagMetadata, FileMetadata, TopicMetadata, from_qos_yaml
 from msg_bridge.bag.writer import CHUNK_SIZE, COMPRESSIONS, write_metadata
 from msg_bridge.bag_recovery.salvage import Damage, SalvagedFile
+from msg_bridge.yaml_text import load_yaml
 
 __all__ = ["RecoveredBag", "RecoveredFile", "recover_bag"]
 
@@ -265,7 +266,7 @@ def _custom_data(path: Path) -> Mapping[str, str] | None:
     """Return the custom data of the bag's metadata.yaml; None if there is no readable one."""
     folder = path if path.is_dir() else path.parent
     try:
-        content: Any = yaml.safe_load((folder / "metadata.yaml").read_text(encoding="utf-8"))
+        content: Any = load_yaml((folder / "metadata.yaml").read_text(encoding="utf-8"))
         custom = content["rosbag2_bagfile_information"].get("custom_data") or {}
         return {str(name): str(value) for name, value in custom.items()}
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, AttributeError):

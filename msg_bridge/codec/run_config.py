@@ -22,6 +22,7 @@ from msg_bridge.codec.errors import CodecError
 from msg_bridge.contract.errors import ErrorCode, ParameterError
 from msg_bridge.contract.input_files import InputFile
 from msg_bridge.contract.loose_soil import LooseSoil
+from msg_bridge.yaml_text import load_yaml
 
 __all__ = [
     "SESSION",
@@ -242,7 +243,7 @@ def _load(text: str) -> Mapping[Any, Any]:
     if len(text) > _MAX_TEXT_LENGTH:
         raise ValueError(f"{len(text)} characters are too long; give at most {_MAX_TEXT_LENGTH}")
     try:
-        content = yaml.safe_load(text)
+        content = load_yaml(text)
     except RecursionError:
         raise ValueError("it is nested too deep") from None
     if not isinstance(content, dict):

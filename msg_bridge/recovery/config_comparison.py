@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator
 from typing import Any
 
-import yaml
+from msg_bridge.yaml_text import load_yaml
 
 __all__ = ["find_config_difference"]
 
@@ -18,8 +18,8 @@ def find_config_difference(before: str, now: str, *, ignored: Collection[str] = 
         now: that of the node.
         ignored: names of values that may differ, such as `soil_sim.map_rate`.
     """
-    values_before = dict(_flatten(yaml.safe_load(before)))
-    values_now = dict(_flatten(yaml.safe_load(now)))
+    values_before = dict(_flatten(load_yaml(before)))
+    values_now = dict(_flatten(load_yaml(now)))
     for name in sorted(values_before.keys() | values_now.keys()):
         if name in ignored:
             continue

@@ -21,6 +21,7 @@ from msg_bridge.contract.constants import GRAVITY, MOISTURE_LEVELS
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.parameters import Parameters, parameter
+from msg_bridge.yaml_text import load_yaml
 from soil_sim.errors import SoilError
 
 __all__ = ["SoilTables", "SoilType", "build_soil_tables", "load_soil_types"]
@@ -248,7 +249,7 @@ def load_soil_types(name: str = "soils.yaml") -> dict[str, SoilType]:
 
 def _read_yaml_mapping(path: Path) -> dict[Any, Any]:
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = load_yaml(path.read_text(encoding="utf-8"))
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise SoilError(f"{path} is not valid YAML: {error}") from None
     if not isinstance(content, dict) or not content:

@@ -9,6 +9,7 @@ import yaml
 from machine_sim.machine import MachineSpec, load_machine_spec
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.yaml_text import load_yaml
 
 __all__ = ["spec_in_config"]
 
@@ -24,7 +25,7 @@ def spec_in_config(config: str, machine: str) -> MachineSpec | None:
         machine: namespace of the machine.
     """
     try:
-        content = yaml.safe_load(config)
+        content = load_yaml(config)
         own = (content.get("machines") or {}).get(machine.rpartition("/")[2]) or {}
         name = str(own.get("machine") or content["machine_sim"]["machine"])
         return load_machine_spec(find_config(name)) if _SHIPPED.fullmatch(name) else None

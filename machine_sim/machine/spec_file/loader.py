@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -28,13 +27,11 @@ from machine_sim.machine.spec_file.tracks import read_tracks
 from machine_sim.machine.track_wheels import track_wheels
 from machine_sim.machine.urdf import BASE_JOINTS
 from msg_bridge.config_files import ConfigError, find_config
+from msg_bridge.yaml_text import load_yaml
 
 __all__ = ["find_shapes_file", "load_machine_spec"]
 
 _TRACK_COMMAND_NAMES = ("left_track", "right_track")
-
-# With libyaml, which PyYAML is built with where there is a C compiler, 10 times as fast.
-_Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def load_machine_spec(path: str | Path) -> MachineSpec:
@@ -50,7 +47,7 @@ def load_machine_spec(path: str | Path) -> MachineSpec:
     text = _read_text(path, "a machine file")
     shapes_file = _find_shapes_file(_parse(path, text), path.parent)
     shapes = _read_text(shapes_file, "a file of shapes") if shapes_file else None
-    return _build_spec(path, text, shapes_file, shapes)
+    return _build_spec(path.name, text, shapes_file, shapes)
 
 
 def find_shapes_file(path: str | Path) -> Path | None:
@@ -83,7 +80,7 @@ def _parse(path: Path, text: str) -> Section:
         MachineError: the text is no YAML.
     """
     try:
-        values = yaml.load(text, _Loader)
+        values = load_yaml(text)
     except yaml.YAMLError as error:
         raise MachineError(f"{path} cannot be read as YAML: {error}") from error
     return Section(values, f"{path.name}: ")
@@ -110,16 +107,16 @@ def _find_shapes_file(file: Section, folder: Path) -> Path | None:
 
 
 @lru_cache(maxsize=16)
-def _build_spec(path: Path, text: str, shapes_file: Path | None, shapes: str | None) -> MachineSpec:
+def _build_spec(name: str, text: str, shapes_file: Path | None, shapes: str | None) -> MachineSpec:
     """Build the specification from the text of a machine file, and from that of its shapes.
 
     Args:
-        path: the machine file, for messages.
+        name: name of the machine file, for messages.
         text: its text.
         shapes_file: the file of shapes, for messages; None if the machine file contains them.
         shapes: its text.
     """
-    file = _parse(path, text)
+    file = _parse(Path(name), text)
     supply = read_supply(file.section("hydraulics")) if file.has("hydraulics") else None
     joints, cylinders, motors = read_joints(file.section("joints"), supply)
     links = read_links(file.section("links"), joints)
