@@ -152,7 +152,11 @@ def newest(messages: list[String]) -> int:
 
 @pytest.mark.parametrize(
     "name",
-    ["dig rough ground", pytest.param("dig flat ground", marks=pytest.mark.slow), "mill rock"],
+    [
+        "dig rough ground",
+        pytest.param("dig flat ground", marks=[pytest.mark.slow, pytest.mark.independent]),
+        "mill rock",
+    ],
 )
 def test_runs_over_topics_are_identical_to_each_other_and_to_one_process(
     ros_domain: int, tmp_path: Path, name: str

@@ -98,8 +98,8 @@ class Heap:
         (0.1, 34.0, 2.4),
         (0.05, 30.0, 0.3),
         (0.05, 34.0, 0.3),
-        pytest.param((0.05, 30.0, 2.4), marks=pytest.mark.slow),
-        pytest.param((0.05, 34.0, 2.4), marks=pytest.mark.slow),
+        pytest.param((0.05, 30.0, 2.4), marks=[pytest.mark.slow, pytest.mark.independent]),
+        pytest.param((0.05, 34.0, 2.4), marks=[pytest.mark.slow, pytest.mark.independent]),
     ],
     ids=lambda p: f"{p[0]}m-{p[1]:.0f}deg-{p[2]}m3",
 )

@@ -18,7 +18,12 @@ from msg_bridge.audit import audit_bag
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.testing.ros_domain import reserve_domain
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.independent,
+    pytest.mark.xdist_group("demo with a dumper"),
+    pytest.mark.timeout(1500),
+]
 
 STATE = re.compile(r"state +([0-9a-f]{64}) after tick (\d+)")
 LOAD = re.compile(

@@ -15,7 +15,12 @@ import pytest
 from msg_bridge.audit import audit_bag
 from msg_bridge.testing.ros_domain import reserve_domain
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.independent,
+    pytest.mark.xdist_group("demo"),
+    pytest.mark.timeout(900),
+]
 
 STATE = re.compile(r"state +([0-9a-f]{64}) after tick (\d+)")
 CYCLE = re.compile(r"^ *(\d+) +(\d+) +([\d.]+) +(\d+) +(\d+) +([\d.]+) +([\d.]+)$", re.MULTILINE)
@@ -31,17 +36,14 @@ def demo(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def in_process(tmp_path_factory):
-    """Finished process of a demo in one process with an empty kernel cache."""
-    folder = tmp_path_factory.mktemp("in_process")
-    options = ("--in-process", "--no-pictures")
-    return run_demo(folder, 0, *options, NUMBA_CACHE_DIR=str(folder / "cache"))
+    """Finished process of a demo in one process."""
+    return run_demo(tmp_path_factory.mktemp("in_process"), 0, "--in-process", "--no-pictures")
 
 
-def run_demo(folder, domain, *options, **settings):
+def run_demo(folder, domain, *options):
     command = [sys.executable, "-m", "earthmoving_sim", "demo", *options]
     env = {
         **os.environ,
-        **settings,
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
