@@ -46,15 +46,18 @@ class Scene:
         """Start a soil node with `parameters`, by default in lockstep."""
         self.ros = ros
         self._ledgers = ros.collect("/soil/ledger", Int64MultiArray)
+        self._decoded: list[Ledger] = []
         self._diagnostics = ros.collect("/diagnostics", DiagnosticArray)
         self.given = {"sync": "lockstep", "tick_period": TICK, **SITE, **parameters}
         self.soil: SoilNode = ros.add(SoilNode, parameters=self.given)
 
     @property
     def ledgers(self) -> list[Ledger]:
-        found = [from_multi_array(message) for message in self._ledgers]
-        assert all(isinstance(ledger, Ledger) for ledger in found)
-        return found  # type: ignore[return-value]
+        for message in self._ledgers[len(self._decoded) :]:
+            ledger = from_multi_array(message)
+            assert isinstance(ledger, Ledger)
+            self._decoded.append(ledger)
+        return self._decoded
 
     @property
     def tick(self) -> int:
