@@ -32,7 +32,7 @@ from msg_bridge.testing.ros_process import RosProcess
 ROUNDS = int(os.environ.get("KILL_ROUNDS", "20"))
 ROUNDS_PER_RUN = 10
 
-pytestmark = [pytest.mark.slow, pytest.mark.independent, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 MAX_TICKS_BETWEEN_KILLS = 250
 TIMEOUT = 60.0  # s of wall time for a number of ticks

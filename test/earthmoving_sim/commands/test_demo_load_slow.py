@@ -1,6 +1,7 @@
 """`earthmoving demo --load`: an excavator moves along and loads a dumper, which hauls and tips.
 
-The excavator may dig only half a metre deep, so that it moves on to other stations within a load.
+The excavator may dig only half a metre deep, so that it moves on to other stations within a load,
+and the dumper leaves with four bucketfuls.
 """
 
 from __future__ import annotations
@@ -18,12 +19,7 @@ from msg_bridge.audit import audit_bag
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.testing.ros_domain import reserve_domain
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.independent,
-    pytest.mark.xdist_group("demo with a dumper"),
-    pytest.mark.timeout(1500),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1500)]
 
 STATE = re.compile(r"state +([0-9a-f]{64}) after tick (\d+)")
 LOAD = re.compile(
@@ -31,14 +27,18 @@ LOAD = re.compile(
     re.MULTILINE,
 )
 SPILLED = re.compile(r"spilled +(-?[\d.]+) %")
-SHALLOW = "behaviour: {max_dig_depth: 0.5}\n"
+CONFIG = """
+behaviour: {max_dig_depth: 0.5}
+haul: {full_fill: 0.45}
+task: {full_fill: 0.45}
+"""
 
 
 def run_demo(folder: Path, domain: int, *options: str) -> str:
     """Return the output of a demo with one load."""
-    (folder / "shallow.yaml").write_text(SHALLOW)
+    (folder / "short.yaml").write_text(CONFIG)
     demo = [sys.executable, "-m", "earthmoving_sim", "demo", "--load", "--loads", "1"]
-    command = [*demo, "--config", "shallow.yaml"]
+    command = [*demo, "--config", "short.yaml"]
     env = {
         **os.environ,
         "ROS_DOMAIN_ID": str(domain),
@@ -64,7 +64,7 @@ def nodes(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
 def test_dumper_is_loaded_hauls_and_tips_all(nodes: tuple[str, Path]) -> None:
     load = LOAD.search(nodes[0])
     assert load is not None, nodes[0]
-    assert int(load["fill"]) >= 70, "the soil settles after the bed was full at 75 %"
+    assert int(load["fill"]) >= 42, "the soil settles after the bed was full at 45 %"
     assert float(load["tipped"]) == pytest.approx(float(load["hauled"]), rel=0.02)
     # 1 to 3 % of what was dumped; a bucket that misses the bed once would be 15 %.
     (spilled,) = SPILLED.findall(nodes[0])
@@ -80,7 +80,7 @@ def test_excavator_moves_along_by_its_stations(nodes: tuple[str, Path]) -> None:
         message.pose.pose.position.x
         for _, _, message in BagReader(nodes[1]).messages(["/site/digger/odom"])
     ]
-    assert phases.count("retreat") >= 2
+    assert phases.count("retreat") >= 1
     assert x[0] - x[-1] == pytest.approx(2.4 * phases.count("retreat"), abs=0.6)
 
 

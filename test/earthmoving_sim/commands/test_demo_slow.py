@@ -15,12 +15,7 @@ import pytest
 from msg_bridge.audit import audit_bag
 from msg_bridge.testing.ros_domain import reserve_domain
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.independent,
-    pytest.mark.xdist_group("demo"),
-    pytest.mark.timeout(900),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
 STATE = re.compile(r"state +([0-9a-f]{64}) after tick (\d+)")
 CYCLE = re.compile(r"^ *(\d+) +(\d+) +([\d.]+) +(\d+) +(\d+) +([\d.]+) +([\d.]+)$", re.MULTILINE)
