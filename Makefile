@@ -133,7 +133,7 @@ test-slow: setup chromium ## the tests that take long: a colcon build, the whole
 	@failed=; \
 	stage() { echo "==> $$1"; shift; "$$@" || { code=$$?; [ $$code -eq 5 ] || failed="$$failed [$$*]"; }; }; \
 	stage "Slow tests that run in parallel" \
-	    $(BIN)/python -m pytest -m "slow and independent" $(PARALLEL) --dist=loadgroup $(ARGS); \
+	    $(BIN)/python -m pytest -m "slow and independent" $(PARALLEL) --dist=worksteal $(ARGS); \
 	stage "Slow tests, one at a time" $(BIN)/python -m pytest -m "slow and not independent" $(ARGS); \
 	if [ -n "$$failed" ]; then echo "make test-slow: failed:$$failed" >&2; exit 1; fi
 

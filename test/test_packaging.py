@@ -16,7 +16,6 @@ PACKAGES = (
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.independent,
-    pytest.mark.xdist_group("workspace"),
     pytest.mark.skipif(not (ROOT / ".git").exists(), reason="needs the list of files from git"),
 ]
 
