@@ -225,7 +225,10 @@ class Soil:
                 f"tick {tick} with rows of {sweeps.dtype.names} and {deposit_requests.dtype.names}:"
                 " give a tick number of 32 bits, and 1-D arrays of SWEEP and DEPOSIT_REQUEST rows"
             )
-        sweeps, deposit_requests = map(np.ascontiguousarray, (sweeps, deposit_requests))
+        # As the kernels are compiled for.
+        sweeps, deposit_requests = (
+            np.require(rows, requirements=["C", "W"]) for rows in (sweeps, deposit_requests)
+        )
         valid_sweeps, rejected_tools = validate_sweeps(sweeps)
         deposits = convert_deposit_requests(
             deposit_requests, tick, self.columns.frame, len(self.soil_types)

@@ -89,7 +89,8 @@ def _pack_receipt(receipt: MachineReceipt) -> tuple[int, ...]:
 def _unpack_chunk(
     run_id: int, stream: int, machine_id: int, session_id: int, content: bytes
 ) -> RowChunk:
-    rows = np.frombuffer(content, dtype=STREAM_DTYPE[Stream(stream)])
+    # Kernels are compiled for rows that may be written to: others would take a minute.
+    rows = np.frombuffer(bytearray(content), dtype=STREAM_DTYPE[Stream(stream)])
     return RowChunk(run_id, Stream(stream), machine_id, session_id, rows)
 
 
