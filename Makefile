@@ -3,9 +3,10 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
+.PHONY: help setup demo check chromium test test-slow test-chaos test-kill clean distclean
+
 # Without byte code on disk each process of a node compiles this project's modules for a second.
 unexport PYTHONDONTWRITEBYTECODE
-.PHONY: help setup demo check chromium test test-slow test-chaos test-kill clean distclean
 
 VENV := .venv
 BIN := $(VENV)/bin

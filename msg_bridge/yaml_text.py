@@ -18,8 +18,8 @@ _FastLoader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 _MAX_NESTING = 2000
 
-_INDENTATION = re.compile(r"^[ ?:-]*", re.MULTILINE)
-"""What a line begins with before its first value."""
+_INDENTATION = re.compile(r"[ \t?:-]+")
+"""What a line can begin with before its first value; anywhere, as YAML has many line breaks."""
 
 
 def load_yaml(text: str) -> Any:
@@ -35,4 +35,5 @@ def load_yaml(text: str) -> Any:
 
 def _max_nesting(text: str) -> int:
     """Return an upper bound of the number of levels: each has a bracket, or an indentation."""
-    return text.count("[") + text.count("{") + max(map(len, _INDENTATION.findall(text)))
+    indentation = max(map(len, _INDENTATION.findall(text)), default=0)
+    return text.count("[") + text.count("{") + indentation

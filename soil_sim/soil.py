@@ -225,7 +225,7 @@ class Soil:
                 f"tick {tick} with rows of {sweeps.dtype.names} and {deposit_requests.dtype.names}:"
                 " give a tick number of 32 bits, and 1-D arrays of SWEEP and DEPOSIT_REQUEST rows"
             )
-        # As the kernels are compiled for.
+        # Kernels are compiled for contiguous arrays that may be written to.
         sweeps, deposit_requests = (
             np.require(rows, requirements=["C", "W"]) for rows in (sweeps, deposit_requests)
         )

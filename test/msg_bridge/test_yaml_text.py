@@ -21,7 +21,16 @@ def test_content_is_that_of_the_parser_in_python(name: str) -> None:
 
 
 # In another process, which libyaml would end.
-@pytest.mark.parametrize("text", ["'[' * 60000", "'{a: ' * 60000", "'- ' * 60000", "'? ' * 60000"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "'[' * 60000",
+        "'{a: ' * 60000",
+        "'- ' * 60000",
+        "'? ' * 60000",
+        "'# text' + chr(13) + '- ' * 60000",  # a carriage return ends a line, too
+    ],
+)
 def test_text_that_is_nested_too_deep_is_an_error(text: str) -> None:
     code = f"from msg_bridge.yaml_text import load_yaml\nload_yaml({text})"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -41,7 +41,7 @@ for tick in range(1, 30):
     sweeps["z1"][:10] = sweeps["z0"][:10]
     requests = empty_rows(DEPOSIT_REQUEST, 3)
     requests["volume_mm3"], requests["particle_id"] = 50_000_000, 3 * tick + np.arange(3)
-    # Rows of a message or a journal must not be written to.
+    # Rows of a received message must not be written to.
     sweeps.flags.writeable = requests.flags.writeable = tick % 2 == 0
     step = soil.step(tick, sweeps, requests)
     SoilInventory().record_conversions(step.conversions, {0: 1})

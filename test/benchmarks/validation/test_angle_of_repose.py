@@ -24,7 +24,7 @@ def test_moisture_changes_the_angle_of_the_heap():
 
 @pytest.mark.slow
 @pytest.mark.independent
-@pytest.mark.parametrize("name", ["gravel", "loam", "topsoil", "wet clay"])  # all: the benchmark
+@pytest.mark.parametrize("name", sorted(load_soil_types()))
 def test_poured_heap_has_the_repose_angle_of_its_soil(name):
     soil_type = load_soil_types()[name]
     expected = math.degrees(soil_type.repose_angle_at(soil_type.moisture))
