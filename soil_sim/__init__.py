@@ -17,6 +17,7 @@ Around it:
 - `terrain/`, `site/`: initial terrain from files, and the design to compare it with
 - `endpoint`: the soil behind the exchange; `soil_inventory`: soil that machines hold;
   `sweep_limits`: limits of the motion that machines report
+- `split_terrain/`: prototype of a terrain that several soils divide among them
 - `node/`: the ROS 2 node
 - `warm_up`: compilation of all kernels; `vec3`: vectors in kernels; `errors`
 
