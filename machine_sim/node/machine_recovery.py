@@ -26,7 +26,7 @@ from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.messages import Keyframe, Message
 from msg_bridge.nodes.sim_node import HeldPublications
 from msg_bridge.recovery.config_comparison import find_config_difference
-from msg_bridge.recovery.errors import DivergenceError, RecoveryError
+from msg_bridge.recovery.errors import ChangedParametersError, DivergenceError
 from msg_bridge.recovery.node_recovery import NodeRecovery
 from msg_bridge.recovery.run_journal import SavedRun
 
@@ -149,6 +149,9 @@ def continue_run(recovery: NodeRecovery, setup: RunSetup) -> ContinuedRun | None
     Args:
         recovery: recovery of the node; it reports the outcome.
         setup: how the node sets up its runs.
+
+    Raises:
+        ChangedParametersError: the node has other parameters than the run.
     """
     saved = recovery.saved_run()
     if saved is None:
@@ -161,6 +164,8 @@ def continue_run(recovery: NodeRecovery, setup: RunSetup) -> ContinuedRun | None
             recovery.warn(str(error))
             saved = recovery.saved_run() or saved  # the state before it was changed
             run, restored, last_ticks = _restored_run(setup, saved, skip=True)
+    except ChangedParametersError:
+        raise
     except EarthmovingError as error:
         recovery.reject(str(error))
         return None
@@ -196,7 +201,7 @@ def _restored_run(
         config = setup.make_config(run, begin.session_id)
         difference = find_config_difference(begin.config, config, ignored=setup.ignored)
         if difference:
-            raise RecoveryError(f"it has other parameters: {difference}")
+            raise ChangedParametersError(difference)
         setup.publishers.reset(setup.params.seed)
         num_ticks = max(_MIN_REPEATED_TICKS, run.num_delayed_states)
         num_left = saved.num_records  # records that are not processed yet

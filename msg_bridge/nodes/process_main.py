@@ -6,7 +6,8 @@
 A node may have these attributes, all optional:
 
 - `finished`: true when the node has completed its work; the process ends.
-- `stop()`: called once before the node is destroyed, for any reason.
+- `stop()`: called once before the node is destroyed, for any reason; while an exception ends the
+  node, `sys.exc_info()` has it.
 - `stopping`: true while `stop()` still needs messages; the node is spun for 2 s at most.
 - `exit_code`: exit code of the process if no error occurred; 0 without it.
 """
@@ -139,7 +140,6 @@ def _run(make_node: Callable[[], Node], stopped: _StopFlag, program: str) -> int
     gc.freeze()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    code = 0
     try:
         try:
             reject_unknown_overrides(node)
@@ -147,14 +147,12 @@ def _run(make_node: Callable[[], Node], stopped: _StopFlag, program: str) -> int
                 executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
         except ExternalShutdownException:  # rclpy.shutdown() was called
             pass
-        except EarthmovingError as error:
-            code = _bad_input(name, error)
         finally:
-            try:
-                _stop(node, executor)
-            except EarthmovingError as error:
-                code = _bad_input(name, error)
-        return code or int(getattr(node, "exit_code", 0))
+            # Errors are handled after it: `stop()` must be able to see that one ends the node.
+            _stop(node, executor)
+        return int(getattr(node, "exit_code", 0))
+    except EarthmovingError as error:
+        return _bad_input(name, error)
     finally:
         executor.shutdown()
         node.destroy_node()

@@ -4,11 +4,25 @@ from __future__ import annotations
 
 from msg_bridge.contract.errors import EarthmovingError
 
-__all__ = ["DivergenceError", "RecoveryError"]
+__all__ = ["ChangedParametersError", "DivergenceError", "RecoveryError"]
 
 
 class RecoveryError(EarthmovingError):
     """A run cannot be continued, or the folder of its journal cannot be used."""
+
+
+class ChangedParametersError(RecoveryError):
+    """A saved run was begun with other parameters; it is kept."""
+
+    def __init__(self, difference: str) -> None:
+        """
+        Args:
+            difference: the first parameter that differs.
+        """
+        super().__init__(
+            f"the saved run was begun with other parameters ({difference}); start the node with"
+            " those, or with recovery.resume:=false to begin a new run instead"
+        )
 
 
 class DivergenceError(RecoveryError):

@@ -11,6 +11,7 @@ from typing import Protocol
 from rclpy.node import Node
 
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
+from msg_bridge.nodes.ros_parameters import reject_unknown_overrides
 from msg_bridge.recovery.errors import RecoveryError
 from msg_bridge.recovery.params import RecoveryParams
 from msg_bridge.recovery.run_journal import RunJournal, SavedRun
@@ -69,7 +70,14 @@ class NodeRecovery:
 
     @classmethod
     def of_node(cls, params: RecoveryParams, node: Node) -> NodeRecovery:
-        """Return the recovery of a ROS node; errors as of the constructor."""
+        """Return the recovery of a ROS node that has declared its parameters.
+
+        Raises:
+            ParameterError: an unknown parameter was given: a node that is going to end for it must
+                not begin a run, which would replace the saved one.
+            RecoveryError: the folder cannot be used.
+        """
+        reject_unknown_overrides(node)
         return cls(params, node.get_fully_qualified_name(), node.get_logger())
 
     def saved_run(self) -> SavedRun | None:

@@ -14,6 +14,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 
+from msg_bridge.codec.exchange_key import ExchangeKey
 from msg_bridge.codec.stamps import stamp_from_tick
 from msg_bridge.codec.state_hash import StateHash
 from msg_bridge.codec.terrain import TERRAIN_CELL
@@ -31,7 +32,7 @@ from msg_bridge.nodes.subscriber_matching import unmatched_topics
 from msg_bridge.nodes.subscription_poller import SubscriptionPoller
 from msg_bridge.nodes.wait_log import Wait, WaitLog
 from msg_bridge.recovery.config_comparison import find_config_difference
-from msg_bridge.recovery.errors import RecoveryError
+from msg_bridge.recovery.errors import ChangedParametersError, RecoveryError
 from msg_bridge.recovery.node_recovery import NodeRecovery
 from msg_bridge.recovery.params import RecoveryParams
 from msg_bridge.recovery.run_journal import SavedRun
@@ -102,6 +103,7 @@ class SoilNode(SimNode):
             remedy = "give each soil node its own namespace or ROS_DOMAIN_ID"
             check_no_other_node(self, [topics.SOIL_TICK], deadline, remedy=remedy)
         self._input_files = find_input_files(self._site_params, self._soil_params)
+        key = ExchangeKey.read(self._params.exchange_key_file)  # a failure must not begin a run
         self._recovery = NodeRecovery.of_node(recovery, self)
         self._resent_ticks: list[ResentTick] = []
         saved = self._recovery.saved_run()
@@ -125,7 +127,7 @@ class SoilNode(SimNode):
             self._receive,
             self._send_terrain,
             self.diagnostics.reject,
-            self._params.exchange_key_file,
+            key,
         )
         self._missing_subscribers: list[str] = []
         self._imbalance_report = ImbalanceReport(self.get_logger(), self.diagnostics)
@@ -163,13 +165,17 @@ class SoilNode(SimNode):
         )
 
     def _continued_run(self, saved: SavedRun) -> SoilRun:
-        """Return a saved run as it was when its process ended, or a new one if that fails."""
+        """Return a saved run as it was when its process ended, or a new one if that fails.
+
+        Raises:
+            ChangedParametersError: the node has other parameters than the run.
+        """
         run = self._make_run(saved.begin.run_id)
         ignored = {f"soil_sim.{name}" for name in _CHANGEABLE}
         difference = find_config_difference(saved.begin.config, self._config(run), ignored=ignored)
+        if difference:
+            raise ChangedParametersError(difference)
         try:
-            if difference:
-                raise RecoveryError(f"it has other parameters: {difference}")
             restored = restore(saved, run.endpoint, run.time_control)
         except RecoveryError as error:
             self._recovery.reject(str(error))

@@ -64,7 +64,7 @@ class SoilTransport:
         receive: Callable[[Message], bool],
         send_terrain: Callable[[], None],
         reject: Callable[[str, str], None],
-        exchange_key_file: str = "",
+        key: ExchangeKey | None = None,
     ) -> None:
         """
         Args:
@@ -74,11 +74,7 @@ class SoilTransport:
                 see `SoilExchange.receive`; may raise ExchangeError.
             send_terrain: publishes the present terrain.
             reject: called with topic and reason of a message that cannot be used.
-            exchange_key_file: file of the key that authenticates all messages but the terrain;
-                empty: they are not authenticated.
-
-        Raises:
-            ParameterError: the key file cannot be used.
+            key: authenticates all messages but the terrain; None: they are not authenticated.
         """
         self.machines: dict[int, str] = {}
         self.last_message_times: dict[int, float] = {}
@@ -86,7 +82,7 @@ class SoilTransport:
         self._receive = receive
         self._send_terrain = send_terrain
         self._reject = reject
-        self._key = ExchangeKey.read(exchange_key_file)
+        self._key = key
         self._backlog_publishers: dict[str, Publisher] = {}  # by namespace
         self._tick = node.create_publisher(Int64MultiArray, topics.SOIL_TICK, qos.ROWS)
         self._rejections = node.create_publisher(String, topics.SOIL_JOIN_REJECTIONS, qos.ROWS)

@@ -17,6 +17,7 @@ from support.node_scenes import TICK, Scene, dig, joint_command, machine_file, r
 from machine_sim.node.machine_node import MachineNode
 from msg_bridge.codec.qos import STATE
 from msg_bridge.codec.stamps import tick_from_stamp
+from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.testing.ros_context import Ros
 from soil_sim.node.soil_node import SoilNode
 
@@ -39,13 +40,14 @@ class CrashScene(Scene):
         super().__init__(ros, **self._recovery, **parameters)
         self.digger: MachineNode = self.start_digger()
 
-    def start_digger(self) -> MachineNode:
+    def start_digger(self, **parameters: object) -> MachineNode:
         return self.machine(
             machine=machine_file(self.folder, ready_to_dig()),
             **{
                 "commands.command_timeout": 60.0,
                 **self._recovery,
                 **self._machine_parameters,
+                **parameters,
             },
         )
 
@@ -163,15 +165,58 @@ def test_run_that_was_stopped_is_not_continued(ros: Ros, tmp_path: Path) -> None
     ros.spin_until(lambda: scene.joined == (1,), what="the machine to join the new run")
 
 
-@pytest.mark.parametrize("change", [{"soil.swell": 0.3}, {"recovery.resume": False}])
-def test_new_run_begins_on_purpose_or_with_other_parameters(
-    ros: Ros, tmp_path: Path, change: dict[str, object]
+def test_new_run_begins_on_purpose(ros: Ros, tmp_path: Path) -> None:
+    scene = CrashScene(ros, tmp_path)
+    scene.until_tick(5)
+    scene.given |= {"recovery.resume": False}
+    scene.restart_soil(scene.run_id + 1)
+    ros.spin_until(lambda: scene.joined == (1,), what="the machine to join the new run")
+
+
+SOIL_MISTAKES = (
+    ({"soil.swell": 0.3}, r"other parameters \(.*swell was 0\.15 and is 0\.3\); start"),
+    ({"soil.swel": 0.3}, "did you mean 'soil.swell'"),
+    ({"exchange_key_file": "missing.key"}, "cannot be read"),
+)
+MACHINE_MISTAKES = (
+    (
+        {"particles.ground_friction": 0.1},
+        r"other parameters \(particles\.ground_friction was .*\); start",
+    ),
+    ({"particles.ground_frictoin": 0.1}, "did you mean 'particles.ground_friction'"),
+    ({"exchange_key_file": "missing.key"}, "cannot be read"),
+)
+
+
+@pytest.mark.parametrize(("mistake", "match"), SOIL_MISTAKES)
+def test_soil_node_that_cannot_start_keeps_the_saved_run(
+    ros: Ros, tmp_path: Path, mistake: dict[str, object], match: str
 ) -> None:
     scene = CrashScene(ros, tmp_path)
     scene.until_tick(5)
-    scene.given |= change
-    scene.restart_soil(scene.run_id + 1)
-    ros.spin_until(lambda: scene.joined == (1,), what="the machine to join the new run")
+    ros.remove(scene.soil)
+    with pytest.raises(EarthmovingError, match=match):
+        ros.add(SoilNode, parameters=scene.given | mistake)
+    tick, run_id = scene.tick, scene.run_id
+    scene.soil = ros.add(SoilNode, parameters=scene.given)
+    assert scene.run_id == run_id
+    assert scene.tick >= tick
+    scene.more_ticks(5)
+
+
+@pytest.mark.parametrize(("mistake", "match"), MACHINE_MISTAKES)
+def test_machine_node_that_cannot_start_keeps_the_saved_run(
+    ros: Ros, tmp_path: Path, mistake: dict[str, object], match: str
+) -> None:
+    scene = CrashScene(ros, tmp_path)
+    dig(scene, scene.digger, lambda ledger: ledger.particles > 10**7)
+    state_hash = scene.digger.run.sim.state_hash()
+    ros.remove(scene.digger)
+    with pytest.raises(EarthmovingError, match=match):
+        scene.start_digger(**mistake)
+    scene.digger = scene.start_digger()
+    assert scene.digger.run.sim.state_hash() == state_hash
+    scene.more_ticks(5)
 
 
 def test_machine_that_was_down_during_a_reset_joins_the_new_run(ros: Ros, tmp_path: Path) -> None:

@@ -75,6 +75,8 @@ class Digger(Node):
 
     def stop(self) -> None:
         print("stopped once")
+        if error := sys.exc_info()[0]:
+            print("stopped by", error.__name__)
         self.stopping = self.params.act in ("wait", "never stops")
 
 
@@ -168,8 +170,15 @@ def test_exception_in_a_callback_propagates_after_stop(
 ) -> None:
     with pytest.raises(ZeroDivisionError, match="a bug"):
         run_here("-p", "act:=break")
-    assert "stopped once" in capsys.readouterr().out
+    assert "stopped once\nstopped by ZeroDivisionError\n" in capsys.readouterr().out
     assert not rclpy.ok()
+
+
+def test_stop_can_see_the_error_that_ends_the_node(
+    ros_domain: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_here("-p", "act:=reject") == 2
+    assert "stopped once\nstopped by EarthmovingError\n" in capsys.readouterr().out
 
 
 def test_repeated_interrupt_kills_a_hanging_node(ros_process: StartProcess) -> None:
