@@ -13,6 +13,7 @@ clocks; the exchange (`msg_bridge.exchange`) transports the rows.
 from __future__ import annotations
 
 import hashlib
+import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -119,6 +120,7 @@ class MachineSim:
         self.ground = Ground(grid, elevation, soils=soils, soil=soil, moisture=moisture)
         self.tick = 0
         self._client: int = pybullet.connect(pybullet.DIRECT)
+        self._disconnect = weakref.finalize(self, pybullet.disconnect, self._client)
         pybullet.setTimeStep(self.params.physics_step, physicsClientId=self._client)
         pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=self._client)
         particle_params = particle_params or ParticleParams()
@@ -141,13 +143,7 @@ class MachineSim:
             SimulatedBin(spec, self._client, self.ground, self.particles, num_tool_ids + k)
             for k, spec in enumerate(bins)
         ]
-        try:
-            check_overlaps(
-                self._client, [each.machine for each in self.simulated_machines], self.bins
-            )
-        except MachineError:
-            self.close()
-            raise
+        check_overlaps(self._client, [each.machine for each in self.simulated_machines], self.bins)
         self.contacts = ContactMonitor(
             self._client,
             [each.machine.body for each in self.simulated_machines],
@@ -343,9 +339,9 @@ class MachineSim:
         return digest.hexdigest()
 
     def close(self) -> None:
-        """Disconnect the physics clients."""
+        """Release the memory of the physics engine at once, not when the object is collected."""
         self.particles.close()
-        pybullet.disconnect(self._client)
+        self._disconnect()
 
     def _check_conversions(self, conversions: Rows) -> None:
         check_conversions(

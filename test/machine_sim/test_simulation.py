@@ -1,12 +1,16 @@
+import gc
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+import pybullet
 import pytest
-from support.machine_scenes import excavator, load_shipped_machine, machine_on_level_ground
+from support.machine_scenes import GRID, excavator, load_shipped_machine, machine_on_level_ground
 
 from machine_sim.dem import ParticleParams
 from machine_sim.machine import MachineError
 from machine_sim.params import MachineSimParams
+from machine_sim.simulated_machine import Placement
 from machine_sim.simulation import MachineSim
 from msg_bridge.contract.rows import CONVERSION, MAP_UPDATE, ConversionKind, empty_rows
 
@@ -180,3 +184,19 @@ def test_machine_does_not_continue_as_one_with_other_tools(machine: MachineSim) 
     with pytest.raises(MachineError, match="give a machine with these tools"):
         other.continue_from(machine)
     other.close()
+
+
+@pytest.mark.parametrize("x", [0.0, 999.0])
+def test_physics_engine_is_released_with_the_simulation(x: float) -> None:
+    """Also of one that cannot be made: no machine stands off the map."""
+    before = num_physics_clients()
+    with suppress(MachineError):
+        sim = MachineSim([Placement(excavator(), (x, 0.0))], GRID, np.zeros(GRID.shape))
+        assert num_physics_clients() == before + 1
+        del sim
+    gc.collect()
+    assert num_physics_clients() == before
+
+
+def num_physics_clients() -> int:
+    return sum(pybullet.isConnected(client) for client in range(100))
