@@ -16,6 +16,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from earthmoving_sim.option_checks import reject_options
 from msg_bridge.contract.errors import EarthmovingError
 
 if TYPE_CHECKING:  # light at import, so that `--help` is quick
@@ -73,14 +74,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " level (default: the site made from real elevation data)",
     )
     parser.add_argument(
-        "--cell", type=float, help="spacing of the terrain's points [m], if its file has none"
+        "--cell",
+        type=float,
+        help="with --terrain: spacing of its points [m], if the file has none",
     )
     parser.add_argument(
         "--height-range",
         type=float,
         nargs=2,
         metavar=("LOW", "HIGH"),
-        help="heights [m] of black and white in a .png",
+        help="with --terrain: heights [m] of black and white in a .png",
     )
     parser.add_argument(
         "--out",
@@ -96,10 +99,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--realtime",
         action="store_true",
-        help="let ticks follow the wall clock (default: as fast as possible, and repeatable)",
+        help="let ticks of nodes follow the wall clock (default: as fast as possible, and"
+        " repeatable)",
     )
     parser.add_argument(
-        "--bag", type=Path, help="folder to record into (default: bags/demo-<time>)"
+        "--bag", type=Path, help="folder to record nodes into (default: bags/demo-<time>)"
     )
     parser.add_argument(
         "--view",
@@ -117,11 +121,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the demo; return 0 if it finished and the ledger was balanced at every tick, else 1."""
-    from earthmoving_sim.demo_site import jacksboro_site
     from earthmoving_sim.report import print_summary, write_pictures
     from earthmoving_sim.run_config import load_run_config
-    from soil_sim.terrain import load_terrain
 
+    _check_options(args)
     try:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -133,13 +136,7 @@ def run(args: argparse.Namespace) -> int:
     config = load_run_config(args.config or base, overrides, soil=args.soil or "", base=base)
     if config.unused:
         print(f"{args.config}: the demo does not use {', '.join(config.unused)}", flush=True)
-    heights = tuple(args.height_range) if args.height_range else None
-    site = jacksboro_site()
-    if args.terrain:
-        site = load_terrain(args.terrain, cell=args.cell, height_range=heights)
-    if args.in_process and (args.view or args.foxglove):
-        option = "--view" if args.view else "--foxglove"
-        raise EarthmovingError(f"{option} shows what nodes publish; leave out --in-process")
+    site = _site(args)
     bag = args.bag or Path("bags", f"demo-{datetime.now(timezone.utc):%Y-%m-%dT%H-%M-%SZ}")
     observers = [_foxglove_server()] if args.foxglove else []
     view_port = _start_page() if args.view else None
@@ -160,26 +157,47 @@ def run(args: argparse.Namespace) -> int:
     return 0 if outcome.is_successful else 1
 
 
-def _overrides(args: argparse.Namespace) -> dict[str, int | float]:
-    """Return the parameters of task and run that the options name.
+def _check_options(args: argparse.Namespace) -> None:
+    """Check that every option has an effect.
 
     Raises:
-        EarthmovingError: an option does not belong to the task, or two exclude each other.
+        EarthmovingError: one has none, or two exclude each other.
     """
-    if args.load and args.cycles is not None:
-        raise EarthmovingError(
-            "--cycles counts bucketfuls on the ground; with --load give --loads or --minutes"
+    if args.in_process:
+        reject_options(
+            args, ("view", "foxglove"), "shows what nodes publish; leave out --in-process"
         )
-    if not args.load and (args.loads is not None or args.minutes is not None):
-        option = "--minutes" if args.loads is None else "--loads"
-        raise EarthmovingError(f"{option} is for a dumper that is loaded; add --load")
+        reject_options(args, ("bag",), "records what nodes publish; leave out --in-process")
+        reject_options(args, ("realtime",), "is a mode of the nodes; leave out --in-process")
+    if args.terrain is None:
+        reject_options(args, ("cell", "height_range"), "describes a terrain file; add --terrain")
+    if args.load:
+        reason = "counts bucketfuls on the ground; with --load give --loads or --minutes"
+        reject_options(args, ("cycles",), reason)
+    else:
+        reject_options(args, ("loads", "minutes"), "is for a dumper that is loaded; add --load")
     if args.loads is not None and args.minutes is not None:
         raise EarthmovingError("--loads and --minutes both end the run; give one of them")
+
+
+def _overrides(args: argparse.Namespace) -> dict[str, int | float]:
+    """Return the parameters of task and run that the options name."""
     options = {"cycles": args.cycles, "loads": args.loads, "seed": args.seed}
     overrides = {name: value for name, value in options.items() if value is not None}
     if args.minutes is not None:
         overrides |= {"duration": 60.0 * args.minutes, "loads": _MAX_LOADS}
     return overrides
+
+
+def _site(args: argparse.Namespace) -> HeightMap:
+    """Return the terrain of the options, by default the site made from real elevation data."""
+    from earthmoving_sim.demo_site import jacksboro_site
+    from soil_sim.terrain import load_terrain
+
+    if args.terrain is None:
+        return jacksboro_site()
+    heights = tuple(args.height_range) if args.height_range else None
+    return load_terrain(args.terrain, cell=args.cell, height_range=heights)
 
 
 def _run_in_process(config: RunConfig, site: HeightMap) -> DigOutcome:

@@ -11,6 +11,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from earthmoving_sim.option_checks import reject_options
 from msg_bridge.contract.errors import EarthmovingError
 
 if TYPE_CHECKING:  # light at import, so that `--help` is quick
@@ -23,6 +24,8 @@ SUMMARY = "make a film or a picture of a bag"
 _VIEWS = ("orbit", "cab", "top", "bucket")
 _QUALITIES = ("low", "medium", "high")
 _FOLDER = Path("out/film")
+_RATE = 25.0  # frames per second
+_SPEED = 2.0  # simulated seconds per second of the film
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,18 +57,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="namespace of the machine to follow (default: the first one)",
     )
-    parser.add_argument(
-        "--start", type=float, default=0.0, metavar="S", help="begin after this time [s] (0)"
-    )
+    parser.add_argument("--start", type=float, metavar="S", help="begin after this time [s] (0)")
     parser.add_argument(
         "--end", type=float, metavar="S", help="end at this time [s] (default: the end of the bag)"
     )
     parser.add_argument(
         "--at", type=float, metavar="S", help="one picture at this time [s] instead of a film"
     )
-    parser.add_argument("--fps", type=float, default=25.0, help="frames per second (25)")
+    parser.add_argument("--fps", type=float, help=f"frames per second ({_RATE:g})")
     parser.add_argument(
-        "--speed", type=float, default=2.0, help="simulated seconds per second of the film (2)"
+        "--speed", type=float, help=f"simulated seconds per second of the film ({_SPEED:g})"
     )
     parser.add_argument(
         "--size", default="1280x720", metavar="WxH", help="size in pixels (default: %(default)s)"
@@ -87,14 +88,17 @@ def run(args: argparse.Namespace) -> int:
     from viewer.film.film import FilmRequest, make_film
     from viewer.rendering.picture import PictureSize
 
+    if args.at is not None:
+        reason = "is for a film, and --at for one picture; give one of them"
+        reject_options(args, ("start", "end", "fps", "speed"), reason)
     request = FilmRequest(
         bag=args.bag,
         output=args.output or _default_output(args.bag, args.at is not None),
         camera=_camera(args),
         size=PictureSize.parse(args.size),
-        rate=args.fps,
-        speed=args.speed,
-        start=args.start,
+        rate=_RATE if args.fps is None else args.fps,
+        speed=_SPEED if args.speed is None else args.speed,
+        start=args.start or 0.0,
         end=args.end,
         at=args.at,
         quality=args.quality,

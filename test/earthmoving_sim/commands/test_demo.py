@@ -42,12 +42,27 @@ def test_output_folder_that_cannot_be_created_is_rejected(
     assert str(file) in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("option", ["--view", "--foxglove"])
-def test_options_that_show_nodes_need_nodes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], option: str
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ("--in-process --view", "--view shows what nodes publish; leave out --in-process"),
+        ("--in-process --foxglove", "--foxglove shows what nodes publish; leave out --in-process"),
+        ("--in-process --bag a", "--bag records what nodes publish; leave out --in-process"),
+        ("--in-process --realtime", "--realtime is a mode of the nodes; leave out --in-process"),
+        ("--cell 3", "--cell describes a terrain file; add --terrain"),
+        ("--height-range 1 5", "--height-range describes a terrain file; add --terrain"),
+        ("--load --cycles 2", "with --load give --loads or --minutes"),
+        ("--loads 2", "--loads is for a dumper that is loaded; add --load"),
+        ("--load --loads 2 --minutes 9", "give one of them"),
+    ],
+)
+def test_options_without_effect_are_rejected(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: str, error: str
 ) -> None:
-    assert main(["demo", "--in-process", option, "--out", str(tmp_path)]) == 2
-    assert f"{option} shows what nodes publish" in capsys.readouterr().err
+    out = tmp_path / "out"
+    assert main(["demo", *options.split(), "--out", str(out)]) == 2
+    assert error in capsys.readouterr().err
+    assert not out.exists()
 
 
 def test_foxglove_without_its_sdk_is_rejected(
@@ -58,7 +73,9 @@ def test_foxglove_without_its_sdk_is_rejected(
     assert "pip install foxglove-sdk" in capsys.readouterr().err
 
 
-def test_height_range_scales_a_png(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_height_range_scales_a_png_and_no_other_site_is_built(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     picture = tmp_path / "ground.png"
     Image.fromarray(np.full((65, 65), 32768, dtype=np.uint16)).save(picture)
     sites: list[HeightMap] = []
@@ -71,6 +88,7 @@ def test_height_range_scales_a_png(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         raise StopHereError
 
     monkeypatch.setattr("earthmoving_sim.single_process_dig.SingleProcessDig", stop)
+    monkeypatch.setattr("earthmoving_sim.demo_site.jacksboro_site", pytest.fail)
     arguments = [
         "demo",
         "--in-process",

@@ -48,6 +48,12 @@ def test_picture_needs_a_time(tmp_path, capsys):
     assert "--at" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("option", ["--start", "--end", "--fps", "--speed"])
+def test_options_of_a_film_are_rejected_for_a_picture(tmp_path, capsys, option):
+    assert film(tmp_path, "--at", "1", option, "3", output="film.png") == 2
+    assert f"{option} is for a film" in capsys.readouterr().err
+
+
 def test_unknown_machine_is_reported_with_those_there_are(tmp_path, capsys):
     assert film(tmp_path, "--machine", "crane") == 2
     assert "/excavator" in capsys.readouterr().err
