@@ -16,7 +16,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from earthmoving_sim.option_checks import reject_options
+from earthmoving_sim.option_checks import create_output_folder, reject_options
 from msg_bridge.contract.errors import EarthmovingError
 
 if TYPE_CHECKING:  # light at import, so that `--help` is quick
@@ -125,12 +125,7 @@ def run(args: argparse.Namespace) -> int:
     from earthmoving_sim.run_config import load_run_config
 
     _check_options(args)
-    try:
-        args.out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise EarthmovingError(
-            f"the folder --out {args.out} cannot be created: {error}; name another"
-        ) from error
+    create_output_folder("--out", args.out)
     overrides = _overrides(args)
     base = "demo_load.yaml" if args.load else "demo.yaml"
     config = load_run_config(args.config or base, overrides, soil=args.soil or "", base=base)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from earthmoving_sim.option_checks import create_output_folder
 from msg_bridge.contract.errors import EarthmovingError
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
@@ -52,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
 
     groups = groups_of(_numbers(args.only) if args.only else NUMBERS)
     find_browser()
+    create_output_folder("--output", args.output)
     studio = Studio(args.output, PictureSize.parse(args.size), quality=args.quality, gpu=args.gpu)
     figures = []
     for group in groups:

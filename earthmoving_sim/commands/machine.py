@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from earthmoving_sim.option_checks import check_output_file
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 __all__ = ["SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "check a machine file and print the machine that it describes"
+
+_PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 
 _SETTLE_STEPS = 200
 """Number of 5 ms steps until the machine is at rest."""
@@ -49,10 +53,16 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         ConfigError, MachineError: the file is missing or not valid.
+        EarthmovingError: picture or mesh cannot be written.
     """
     from machine_sim.machine import load_machine_spec
     from msg_bridge.config_files import find_config
 
+    # Before the figures are measured, which takes up to a minute.
+    if args.picture:
+        check_output_file("--picture", args.picture, _PICTURE_SUFFIXES)
+    if args.mesh:
+        check_output_file("--mesh", args.mesh, (".glb",))
     path = args.file if args.file.exists() else find_config(str(args.file))
     spec = load_machine_spec(path)
     print("\n".join(_summary_lines(spec)))

@@ -20,6 +20,8 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from earthmoving_sim.option_checks import check_output_file
+
 if TYPE_CHECKING:
     from earthmoving_sim.replay.run_replay import RunReplay
 
@@ -88,8 +90,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.until is not None and args.until < 1:
         raise EarthmovingError(f"--until is {args.until}; give a tick from 1 on")
-    if args.save is not None and not args.save.absolute().parent.is_dir():
-        raise EarthmovingError(f"there is no folder for --save {args.save}; create it")
+    if args.save is not None:
+        check_output_file("--save", args.save)
     changes = [parse_change(text) for text in args.what_if]
     reader = BagReader(args.bag, namespace=args.namespace)
     known = surveys = survey_runs(reader, reading_progress())

@@ -58,3 +58,23 @@ def test_machine_that_tips_up_is_reported(tmp_path, capsys) -> None:
 def test_missing_file_is_rejected(capsys) -> None:
     assert cli.main(["machine", "check", "none.yaml"]) == 2
     assert "none.yaml" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        (("--picture", "d.txt"), "--picture d.txt: give a name that ends in .png"),
+        (("--mesh", "d.obj"), "--mesh d.obj: give a name that ends in .glb"),
+        (("--picture", "none/d.png"), "there is no folder for --picture none/d.png"),
+        (("--mesh", "folder.glb"), "--mesh folder.glb is a folder"),
+    ],
+)
+def test_output_that_cannot_be_written_is_rejected_before_the_machine_is_measured(
+    options, error, tmp_path, capsys, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder.glb").mkdir()
+    assert cli.main(["machine", "check", "machines/road_header.yaml", *options]) == 2
+    captured = capsys.readouterr()
+    assert error in captured.err
+    assert captured.out == ""

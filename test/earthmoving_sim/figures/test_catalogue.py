@@ -20,7 +20,9 @@ def test_unknown_figure_is_rejected():
         groups_of([17, 18])
 
 
-@pytest.mark.parametrize("options", [("--only", "x"), ("--only", "17"), ("--size", "1")])
+@pytest.mark.parametrize(
+    "options", [("--only", "x"), ("--only", "17"), ("--size", "1"), ("-o", __file__)]
+)
 def test_command_rejects_invalid_options(tmp_path, capsys, monkeypatch, options):
     monkeypatch.setenv("CHROMIUM", "/bin/false")
     assert main(["figures", "-o", str(tmp_path), *options]) == 2
