@@ -12,7 +12,7 @@ Modules in the order of use:
 - `export`: all topics of a bag
 """
 
-from earthmoving_sim.bag_export.export import BagExport, export_bag
+from earthmoving_sim.bag_export.export import BagExport, check_export, export_bag
 from earthmoving_sim.bag_export.topic_writer import ExportedTopic
 
-__all__ = ["BagExport", "ExportedTopic", "export_bag"]
+__all__ = ["BagExport", "ExportedTopic", "check_export", "export_bag"]

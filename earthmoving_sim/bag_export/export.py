@@ -12,7 +12,7 @@ from earthmoving_sim.bag_export.topic_writer import ExportedTopic, TopicWriter
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.contract import topics
 
-__all__ = ["MAP_CHOICES", "BagExport", "ExportedTopic", "export_bag"]
+__all__ = ["MAP_CHOICES", "BagExport", "ExportedTopic", "check_export", "export_bag"]
 
 MAP_CHOICES = ("ends", "all", "none")
 """Which terrain maps are exported: the first and the last one of the bag, all, or none."""
@@ -41,6 +41,33 @@ class BagExport:
         return not any(each.reason or each.num_rejected for each in self.topics)
 
 
+def check_export(
+    reader: BagReader,
+    folder: Path,
+    *,
+    is_selected: Callable[[str], bool] = lambda topic: True,
+    maps: str = "ends",
+) -> None:
+    """Check that a bag can be exported, before anything is written.
+
+    Args:
+        reader, folder, is_selected, maps: as for `export_bag`.
+
+    Raises:
+        ExportError: the folder is not empty, or no message is to be exported.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise ExportError(f"{folder} is not an empty folder; give another by --output")
+    if not any(
+        reader.topics[name].count and not _is_unwanted_map(name, maps)
+        for name in filter(is_selected, reader.topics)
+    ):
+        raise ExportError(
+            f"{reader.path} has no message to export; change --include, --exclude or --maps. Its"
+            f" topics are {', '.join(reader.topics)}"
+        )
+
+
 def export_bag(
     reader: BagReader,
     folder: Path,
@@ -59,11 +86,10 @@ def export_bag(
         progress: is called with the fraction that is done.
 
     Raises:
-        ExportError: the folder is not empty, or cannot be written.
+        ExportError: the folder is not empty or cannot be written, or no message is to be exported.
         BagReadError: the bag is damaged.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ExportError(f"{folder} is not an empty folder; give another by --output")
+    check_export(reader, folder, is_selected=is_selected, maps=maps)
     export = BagExport(folder, truncated=reader.truncated)
     types = MessageTypes(reader)
     writers: dict[str, TopicWriter] = {}
@@ -73,7 +99,7 @@ def export_bag(
         export.topics.append(result)
         if not info.count:
             continue
-        if name.endswith(_MAP) and maps == "none":
+        if _is_unwanted_map(name, maps):
             result.is_wanted = False
             continue
         only_ends = name.endswith(_MAP) and maps == "ends"
@@ -84,6 +110,10 @@ def export_bag(
     _observe(reader, writers)
     _write(reader, writers, progress)
     return export
+
+
+def _is_unwanted_map(topic: str, maps: str) -> bool:
+    return maps == "none" and topic.endswith(_MAP)
 
 
 def _observe(reader: BagReader, writers: Mapping[str, TopicWriter]) -> None:

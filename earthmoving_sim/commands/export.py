@@ -51,9 +51,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Export the bags and print what was written; return 0 if it was everything, else 1."""
+    """Export the bags and print what was written; return 0 if it was everything, else 1.
+
+    Raises:
+        EarthmovingError: one of the bags cannot be exported; then nothing is written.
+    """
     try:
-        from earthmoving_sim.bag_export import export_bag
+        from earthmoving_sim.bag_export import check_export, export_bag
         from earthmoving_sim.bag_export.parquet_file import ExportError
     except ImportError as error:
         raise EarthmovingError(f"{error}; the export needs pyarrow: pip install pyarrow") from error
@@ -66,20 +70,21 @@ def run(args: argparse.Namespace) -> int:
     folders = [args.output / f"bag={bag.resolve().stem}" for bag in args.bags]
     if len(set(folders)) < len(folders):
         raise ExportError("two of the bags have the same name; export them to different folders")
+    readers = [BagReader(bag, namespace=args.namespace) for bag in args.bags]
+    selection: dict[str, Any] = {
+        "is_selected": lambda topic: is_topic_selected(topic, args.include, args.exclude),
+        "maps": args.maps,
+    }
+    for reader, folder in zip(readers, folders, strict=True):
+        check_export(reader, folder, **selection)
     reports = []
     is_complete = True
-    for bag, folder in zip(args.bags, folders, strict=True):
-        export = export_bag(
-            BagReader(bag, namespace=args.namespace),
-            folder,
-            is_selected=lambda topic: is_topic_selected(topic, args.include, args.exclude),
-            maps=args.maps,
-            progress=reading_progress(),
-        )
-        reports.append(_report(export, bag))
+    for reader, folder in zip(readers, folders, strict=True):
+        export = export_bag(reader, folder, progress=reading_progress(), **selection)
+        reports.append(_report(export, reader.path))
         is_complete = is_complete and export.is_complete
         if not args.json:
-            print("\n".join(_lines(export, bag)), flush=True)
+            print("\n".join(_lines(export, reader.path)), flush=True)
     if args.json:
         print(json.dumps(reports, indent=2))
     return 0 if is_complete else 1

@@ -76,7 +76,7 @@ class PlayerNode(Node):
 
         Raises:
             BagReadError: the bag cannot be read.
-            PlayError: nothing is to be played.
+            PlayError: nothing is to be played, or playing begins after the end of the bag.
         """
         super().__init__(_NAME, **kwargs)
         self._params, self._keys = params, keys
@@ -94,6 +94,10 @@ class PlayerNode(Node):
                 f"{path} has no message to play; its topics are {', '.join(reader.topics)}"
             )
         self.playback = self._playback(params)
+        if params.start > self.playback.duration:
+            raise PlayError(
+                f"--start {params.start:g}: {path} has 0 to {self.playback.duration:.2f} s"
+            )
         self.finished = False
         self._num_published = 0
         self._last_published: dict[str, bytes] = {}  # of transient-local topics

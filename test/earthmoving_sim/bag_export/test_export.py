@@ -244,3 +244,21 @@ def test_command_exports_several_bags_and_no_file_is_left_incomplete(
     with pytest.raises(ExportError, match="no disk space"):
         export(BAGS / "format_2", tmp_path / "full")
     assert not [path for path in (tmp_path / "full").rglob("*") if path.is_file()]
+
+
+@pytest.mark.parametrize("options", ["--include /b", "--exclude /a --maps none"])
+def test_bag_without_selected_messages_is_an_error_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: str
+) -> None:
+    bags = []
+    for name in ("b", "a"):
+        recording = Recording()
+        recording.add(f"/{name}", String(data="text"))
+        recording.add("/terrain/map", PointCloud2())
+        bags.append(str(recording.write(tmp_path / f"bag_{name}.mcap")))
+    tables = tmp_path / "tables"
+    assert main(["export", *bags, "-o", str(tables), *options.split()]) == 2
+    error = capsys.readouterr().err
+    assert "bag_a.mcap has no message to export" in error
+    assert "/terrain/map" in error
+    assert not tables.exists()

@@ -88,6 +88,11 @@ def test_player_is_controlled_by_services_and_topics(ros: Ros, bag: Path) -> Non
     player.stop()
 
 
+def test_begin_after_the_end_of_the_bag_is_rejected(ros: Ros, bag: Path) -> None:
+    with pytest.raises(PlayError, match=r"--start 3: .* has 0 to 2\.99 s"):
+        play(ros, bag, start=3.0)
+
+
 def test_topics_of_a_running_simulation_are_not_mixed(ros: Ros, bag: Path) -> None:
     ros.publisher(TICKS, Int64MultiArray)
     player = play(ros, bag)
