@@ -8,6 +8,7 @@ Modules in the order of use:
 - `tables`: messages of any type, and of those with a table of their own, as rows
 - `cloud_tables`: points of clouds as rows, each row of the exchange once
 - `parquet_file`: a Parquet file that is written in parts and complete once it has its name
+- `output_folder`: the folder of the tables, empty or with a former export
 - `topic_writer`: writes the messages of one topic as a table
 - `export`: all topics of a bag
 """

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from earthmoving_sim.bag_export.message_types import MessageTypes, UnreadableTypeError
+from earthmoving_sim.bag_export.output_folder import check_folder, remove_former_export
 from earthmoving_sim.bag_export.parquet_file import ExportError
 from earthmoving_sim.bag_export.topic_writer import ExportedTopic, TopicWriter
 from msg_bridge.bag.reader import BagReader
@@ -47,17 +48,17 @@ def check_export(
     *,
     is_selected: Callable[[str], bool] = lambda topic: True,
     maps: str = "ends",
+    overwrite: bool = False,
 ) -> None:
     """Check that a bag can be exported, before anything is written.
 
     Args:
-        reader, folder, is_selected, maps: as for `export_bag`.
+        reader, folder, is_selected, maps, overwrite: as for `export_bag`.
 
     Raises:
-        ExportError: the folder is not empty, or no message is to be exported.
+        ExportError: the folder has other files, or no message is to be exported.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise ExportError(f"{folder} is not an empty folder; give another by --output")
+    check_folder(folder, overwrite=overwrite)
     if not any(
         reader.topics[name].count and not _is_unwanted_map(name, maps)
         for name in filter(is_selected, reader.topics)
@@ -74,22 +75,27 @@ def export_bag(
     *,
     is_selected: Callable[[str], bool] = lambda topic: True,
     maps: str = "ends",
+    overwrite: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> BagExport:
     """Write a table for each topic of a bag.
 
     Args:
         reader: the bag.
-        folder: folder of the tables, empty or missing.
+        folder: folder of the tables, empty or missing; with `overwrite` it may have the tables of
+            a former export.
         is_selected: returns whether a topic is exported.
         maps: which terrain maps are exported, one of MAP_CHOICES.
+        overwrite: whether a former export is removed.
         progress: is called with the fraction that is done.
 
     Raises:
-        ExportError: the folder is not empty or cannot be written, or no message is to be exported.
+        ExportError: the folder has other files or cannot be written, or no message is to be
+            exported.
         BagReadError: the bag is damaged.
     """
-    check_export(reader, folder, is_selected=is_selected, maps=maps)
+    check_export(reader, folder, is_selected=is_selected, maps=maps, overwrite=overwrite)
+    remove_former_export(folder)
     export = BagExport(folder, truncated=reader.truncated)
     types = MessageTypes(reader)
     writers: dict[str, TopicWriter] = {}

@@ -11,7 +11,10 @@ import pyarrow.parquet as pq
 
 from msg_bridge.contract.errors import EarthmovingError
 
-__all__ = ["ExportError", "ParquetFile"]
+__all__ = ["PART_SUFFIX", "ExportError", "ParquetFile", "to_export_error"]
+
+PART_SUFFIX = ".part"
+"""Suffix of a file that is not complete."""
 
 _ROWS_PER_GROUP = 1 << 17
 _BYTES_PER_GROUP = 1 << 23
@@ -43,12 +46,12 @@ class ParquetFile:
         self._schema = schema
         self._pending: list[pa.RecordBatch] = []
         self._pending_rows = self._pending_bytes = 0
-        self._part = path.with_suffix(".part")
+        self._part = path.with_suffix(PART_SUFFIX)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._writer = pq.ParquetWriter(self._part, schema, compression="zstd")
         except OSError as error:
-            raise _to_export_error(path, error) from error
+            raise to_export_error(path, error) from error
 
     def add(self, batch: pa.RecordBatch) -> None:
         """Add rows.
@@ -74,7 +77,7 @@ class ParquetFile:
             self._writer.close()
             self._part.replace(self.path)
         except OSError as error:
-            raise _to_export_error(self.path, error) from error
+            raise to_export_error(self.path, error) from error
 
     def discard(self) -> None:
         """Remove the file before it is complete; after `close` this does nothing."""
@@ -90,10 +93,11 @@ class ParquetFile:
         try:
             self._writer.write_table(table.combine_chunks(), row_group_size=_ROWS_PER_GROUP)
         except OSError as error:
-            raise _to_export_error(self.path, error) from error
+            raise to_export_error(self.path, error) from error
 
 
-def _to_export_error(path: Path, error: OSError) -> ExportError:
+def to_export_error(path: Path, error: OSError) -> ExportError:
+    """Return the error for a file that cannot be written."""
     reason = error.strerror or str(error)
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return ExportError(f"there is no disk space for {path} ({reason}); free some")

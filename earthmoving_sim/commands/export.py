@@ -45,6 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="terrain maps: the first and the last one, all, or none (default: %(default)s)",
     )
     parser.add_argument(
+        "--overwrite",
+        action="store_true",
+        help="remove the tables of a former export of a bag of this name first",
+    )
+    parser.add_argument(
         "--namespace", default="/", help="only topics below it, named relative to it"
     )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
@@ -74,6 +79,7 @@ def run(args: argparse.Namespace) -> int:
     selection: dict[str, Any] = {
         "is_selected": lambda topic: is_topic_selected(topic, args.include, args.exclude),
         "maps": args.maps,
+        "overwrite": args.overwrite,
     }
     for reader, folder in zip(readers, folders, strict=True):
         check_export(reader, folder, **selection)

@@ -7,7 +7,10 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
 
-__all__ = ["Page"]
+__all__ = ["GENERATOR", "Page"]
+
+GENERATOR = '<meta name="generator" content="earthmoving report">'
+"""Element in the head of each page, by which a report is recognised."""
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #22252a; background: #fff; margin: 0 auto;
@@ -84,7 +87,7 @@ class Page:
         return (
             '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
             '<meta name="viewport" content="width=device-width, initial-scale=1">'
-            f"<title>{escape(self._title)}</title><style>{_STYLE}</style></head><body>"
+            f"{GENERATOR}<title>{escape(self._title)}</title><style>{_STYLE}</style></head><body>"
             f"<h1>{escape(self._title)}</h1>"
             f'<p class="note">{escape(self._subtitle)}</p>'
             f"<nav>{''.join(self._sections)}</nav>"

@@ -13,7 +13,7 @@ from earthmoving_sim.pictures.site_record import SiteRecord
 from earthmoving_sim.run_report.charts import Line, Panel, draw_panels
 from earthmoving_sim.run_report.machine_charts import draw_machine_charts
 from earthmoving_sim.run_report.machine_section import add_machine
-from earthmoving_sim.run_report.page import Page
+from earthmoving_sim.run_report.page import GENERATOR, Page
 from earthmoving_sim.run_report.reading import read_runs
 from earthmoving_sim.run_report.run_data import RunData
 from earthmoving_sim.run_report.run_sections import (
@@ -29,6 +29,7 @@ from msg_bridge.bag.reader import BagReader
 
 __all__ = ["Report", "write_report"]
 
+_PAGE = "index.html"
 _MIN_RATE_STEPS = 30
 _RATE_WINDOWS = 60
 _HOUR = 3600.0
@@ -63,29 +64,63 @@ def write_report(
 
     Args:
         reader: the bag.
-        folder: folder of the page (`index.html`) and the pictures; files with these names are
-            replaced.
+        folder: folder of the page (`index.html`) and the pictures, empty or missing; those of a
+            former report are replaced.
         title: heading; by default the name of the bag.
         run_id: number of the run; None: the last one.
         progress: is called with the fraction of the bag that has been read.
 
     Raises:
         BagReadError: the bag is damaged.
-        BagError: the report cannot be written.
+        BagError: the folder has other files, or the report cannot be written.
     """
+    _check_folder(folder)
     run, run_ids = read_runs(reader, run_id=run_id, progress=progress)
     if run_id is not None and run_ids and run_id not in run_ids:
         names = ", ".join(map(str, run_ids))
         raise BagError(f"{reader.path} has no run {run_id}; it has {names}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        page = folder / "index.html"
+        page = folder / _PAGE
+        # A report that is interrupted can be written again into the same folder.
+        page.write_text(_unfinished_page(reader), encoding="utf-8")
         summary = summarise(run)
         content = _page(reader, run, summary, run_ids, folder, title)
         page.write_text(content.html(), encoding="utf-8")
     except OSError as error:
         raise write_error(folder, error) from error
     return Report(page, summary, run_ids, dict(run.malformed))
+
+
+def _check_folder(folder: Path) -> None:
+    """Check that a folder is missing, is empty or has a report.
+
+    Raises:
+        BagError: it has something else.
+    """
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise BagError(f"{folder} is a file; give a folder by --output")
+    existing = next(folder.iterdir(), None)
+    if existing is not None and not _has_report(folder):
+        raise BagError(
+            f"{folder} is not empty (it has {existing.name}), and has no report that could be"
+            " replaced; give another by --output"
+        )
+
+
+def _has_report(folder: Path) -> bool:
+    try:
+        return GENERATOR in (folder / _PAGE).read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+
+
+def _unfinished_page(reader: BagReader) -> str:
+    page = Page("Report", str(reader.path))
+    page.note("This report was not finished.")
+    return page.html()
 
 
 def _page(

@@ -262,3 +262,24 @@ def test_bag_without_selected_messages_is_an_error_and_nothing_is_written(
     assert "bag_a.mcap has no message to export" in error
     assert "/terrain/map" in error
     assert not tables.exists()
+
+
+def test_former_export_is_overwritten_only_on_request_and_other_files_are_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = Recording()
+    for topic in ("/a", "/b/c"):
+        recording.add(topic, String(data="text"))
+    bag = str(recording.write(tmp_path / "bag.mcap"))
+    folder = tmp_path / "tables/bag=bag"
+    command = ["export", bag, "-o", str(folder.parent), "--include"]
+    assert main([*command, "/b"]) == 0
+    assert main([*command, "/a"]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    (folder / "killed.part").write_bytes(b"PAR1")
+    assert main([*command, "/a", "--overwrite"]) == 0
+    assert [path.name for path in folder.rglob("*")] == ["a.parquet"]
+    pq.write_table(pa.table({"mine": [1]}), folder / "mine.parquet")
+    assert main([*command, "/b", "--overwrite"]) == 2
+    assert "mine.parquet was not made by an export" in capsys.readouterr().err
+    assert {path.name for path in folder.rglob("*")} == {"a.parquet", "mine.parquet"}

@@ -145,3 +145,23 @@ def test_command_prints_the_figures(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert figures["page"] == str(folder / "index.html")
     assert figures["machines"]["/m"]["max_payload"] == 1.0
     assert "<h1>&lt;Site&gt; A</h1>" in (folder / "index.html").read_text(encoding="utf-8")
+
+
+def test_former_report_is_replaced_and_no_other_folder_is_written_to(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = Recording()
+    recording.add("/m/payload", to_payload_array(PayloadState(1.0, 0.0, 0.0, 0.5, 2.0)))
+    path = recording.write(tmp_path / "bag.mcap")
+    former, other = tmp_path / "former", tmp_path / "site"
+    for title in ("first", "second"):
+        assert main(["report", str(path), "-o", str(former), "--title", title]) == 0
+    page = (former / "index.html").read_text(encoding="utf-8")
+    assert "<h1>second</h1>" in page
+    other.mkdir()
+    (other / "index.html").write_text("<h1>My site</h1>")
+    for output in (other, path):
+        assert main(["report", str(path), "-o", str(output)]) == 2
+        assert str(output) in capsys.readouterr().err
+    assert [each.name for each in other.iterdir()] == ["index.html"]
+    assert (other / "index.html").read_text() == "<h1>My site</h1>"
