@@ -107,7 +107,7 @@ def load_run_config(
     merged = merge_layers(*layers)
     try:
         parts: dict[str, Any] = {
-            section: kind.from_mapping(merged.sections[section])
+            section: kind.from_mapping(merged.sections[section], prefix=f"{section}.")
             for section, kind in SECTIONS.items()
         }
         parts["soil"].soil_types()

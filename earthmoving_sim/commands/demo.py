@@ -125,8 +125,8 @@ def run(args: argparse.Namespace) -> int:
     from earthmoving_sim.run_config import load_run_config
 
     _check_options(args)
-    create_output_folder("--out", args.out)
     overrides = _overrides(args)
+    create_output_folder("--out", args.out)
     base = "demo_load.yaml" if args.load else "demo.yaml"
     config = load_run_config(args.config or base, overrides, soil=args.soil or "", base=base)
     if config.unused:
@@ -176,11 +176,25 @@ def _check_options(args: argparse.Namespace) -> None:
 
 
 def _overrides(args: argparse.Namespace) -> dict[str, int | float]:
-    """Return the parameters of task and run that the options name."""
-    options = {"cycles": args.cycles, "loads": args.loads, "seed": args.seed}
-    overrides = {name: value for name, value in options.items() if value is not None}
+    """Return the parameters of task and run that the options name.
+
+    Raises:
+        ParameterError: a value is out of range.
+    """
+    from dig_operator import DigTaskParams
+    from earthmoving_sim.config_layers import RunParams
+    from msg_bridge.contract.parameters import check_value
+
+    overrides: dict[str, int | float] = {}
+    for kind, names in ((DigTaskParams, ("cycles", "loads")), (RunParams, ("seed",))):
+        given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+        kind.from_mapping(given, prefix="--")
+        overrides |= given
     if args.minutes is not None:
-        overrides |= {"duration": 60.0 * args.minutes, "loads": _MAX_LOADS}
+        duration = 60.0 * args.minutes
+        field = DigTaskParams.__dataclass_fields__["duration"]
+        check_value(f"--minutes {args.minutes:g}", field, duration)
+        overrides |= {"duration": duration, "loads": _MAX_LOADS}
     return overrides
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 __all__ = ["SUMMARY", "add_arguments", "run"]
@@ -61,18 +62,12 @@ def run(args: argparse.Namespace) -> int:
     from msg_bridge.player.keys import HELP, KeyReader
     from msg_bridge.player.params import PlayerParams
     from msg_bridge.player.player_node import PlayerNode
+    from msg_bridge.raw_topics.topic_selection import validate_expression
 
-    params = PlayerParams(
-        rate=args.rate,
-        start=args.start,
-        end=args.end,
-        loop=args.loop,
-        paused=args.paused,
-        include=args.include,
-        exclude=args.exclude,
-        prefix=args.prefix,
-        clock=args.clock,
-    )
+    for name in ("include", "exclude"):
+        validate_expression(f"--{name}", getattr(args, name))
+    values = {field.name: getattr(args, field.name) for field in fields(PlayerParams)}
+    params = PlayerParams.from_mapping(values, prefix="--")
     with KeyReader() as keys:
 
         def make_node() -> PlayerNode:

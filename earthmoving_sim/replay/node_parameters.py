@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
@@ -17,6 +17,7 @@ from machine_sim.params import MachineSimParams
 from machine_sim.sensors import SensorParams
 from msg_bridge.codec.run_config import parse_section
 from msg_bridge.contract.errors import ParameterError
+from msg_bridge.contract.parameters import Parameters
 from msg_bridge.contract.suggestions import suggestion
 from msg_bridge.yaml_text import load_yaml
 from soil_sim.node.params import SoilNodeParams
@@ -33,6 +34,8 @@ __all__ = [
     "parse_change",
     "soil_node_setup",
 ]
+
+P = TypeVar("P", bound=Parameters)
 
 _SOIL_TYPE_PARAMETERS = ("repose_angle", "swell")
 """Parameters of a soil without a name; a named soil has its own."""
@@ -148,8 +151,13 @@ class _Sections:
     def names(self) -> tuple[str, ...]:
         return tuple(prefix + name for prefix, values in self._sections.items() for name in values)
 
-    def section(self, prefix: str) -> dict[str, Any]:
-        return self._sections[prefix]
+    def parameters(self, kind: type[P], prefix: str) -> P:
+        """Return the parameters of a section.
+
+        Raises:
+            ParameterError: as of `Parameters.from_mapping`; it has the full name.
+        """
+        return kind.from_mapping(self._sections[prefix], prefix=prefix)
 
     def set(self, full_name: str, value: Any) -> bool:
         """Set a value; return False if there is no such parameter."""
@@ -183,9 +191,9 @@ def soil_node_setup(
         for name in (each for each in _SOIL_TYPE_PARAMETERS if f"soil.{each}" not in own):
             sections.set(f"soil.{name}", getattr(SoilParams(), name))
     return SoilNodeSetup(
-        SoilNodeParams.from_mapping(sections.section("")),
-        SiteParams.from_mapping(sections.section("site.")),
-        SoilParams.from_mapping(sections.section("soil.")),
+        sections.parameters(SoilNodeParams, ""),
+        sections.parameters(SiteParams, "site."),
+        sections.parameters(SoilParams, "soil."),
         sections.names,
         made,
     )
@@ -217,16 +225,16 @@ def machine_node_setup(
         }
     )
     made = _change(sections, files, changes, namespace)
-    node = MachineNodeParams.from_mapping(sections.section(""))
+    node = sections.parameters(MachineNodeParams, "")
     return MachineNodeSetup(
         node,
-        {name: MachineInstanceParams.from_mapping(sections.section(f"{name}.")) for name in names}
+        {name: sections.parameters(MachineInstanceParams, f"{name}.") for name in names}
         or {"": node},
-        {name: BinParams.from_mapping(sections.section(f"{name}.")) for name in bins},
-        MachineSimParams.from_mapping(sections.section("stepping.")),
-        ParticleParams.from_mapping(sections.section("particles.")),
-        SensorParams.from_mapping(sections.section("sensors.")),
-        CommandParams.from_mapping(parse_section(config, "commands")),
+        {name: sections.parameters(BinParams, f"{name}.") for name in bins},
+        sections.parameters(MachineSimParams, "stepping."),
+        sections.parameters(ParticleParams, "particles."),
+        sections.parameters(SensorParams, "sensors."),
+        CommandParams.from_mapping(parse_section(config, "commands"), prefix="commands."),
         sections.names,
         made,
     )

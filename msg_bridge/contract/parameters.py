@@ -61,19 +61,29 @@ class Parameters:
                     object.__setattr__(self, field.name, tuple(value))
 
     @classmethod
-    def from_mapping(cls: type[P], values: Mapping[str, Any]) -> P:
-        """Build from a mapping (a YAML section).
+    def from_mapping(cls: type[P], values: Mapping[str, Any], *, prefix: str | None = None) -> P:
+        """Build from a mapping (a YAML section, or command-line options).
+
+        Args:
+            values: values by name; the others have their defaults.
+            prefix: what stands before the names where the user has written them: `soil.` in a
+                configuration, `--` on a command line. Errors name parameters in this way, by
+                default with the name of the class.
 
         Raises:
             ParameterError: an unknown name, a wrong type, or a value outside its range.
         """
-        known = [field.name for field in fields(cls)]
+        known = {field.name: field for field in fields(cls)}
         unknown = sorted(set(values) - set(known))
         if unknown:
             names = ", ".join(f"{name}{suggestion(name, known)}" for name in unknown)
             raise ParameterError(
                 f"{cls.__name__} has no parameter {names}; it has {', '.join(known)}"
             )
+        if prefix is not None:
+            for name, value in values.items():
+                if known[name].metadata:
+                    check_value(f"{prefix}{name}", known[name], value)
         return cls(**dict(values))
 
 

@@ -54,9 +54,13 @@ def test_output_folder_that_cannot_be_created_is_rejected(
         ("--load --cycles 2", "with --load give --loads or --minutes"),
         ("--loads 2", "--loads is for a dumper that is loaded; add --load"),
         ("--load --loads 2 --minutes 9", "give one of them"),
+        ("--cycles 0", "--cycles is 0; give a value from 1"),
+        ("--load --loads 0", "--loads is 0; give a value from 1"),
+        ("--load --minutes -1", "--minutes -1 is -60.0 s; give a value from 0.0"),
+        ("--seed -1", "--seed is -1; give a value from 0"),
     ],
 )
-def test_options_without_effect_are_rejected(
+def test_options_without_effect_or_out_of_range_are_rejected(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], options: str, error: str
 ) -> None:
     out = tmp_path / "out"

@@ -270,6 +270,8 @@ def test_other_soil_with_the_same_commands(
     check_identical(replay(other), ["/soil/state_hash", "/excavator/state_hash"])
     assert main(["replay", str(bag), "--what-if", "soil.sol:=loam"]) == 2
     assert "did you mean 'soil.soil'" in capsys.readouterr().err
+    assert main(["replay", str(bag), "--what-if", "soil.swell:=9"]) == 2
+    assert "soil.swell is 9;" in capsys.readouterr().err
 
 
 def test_machines_that_come_and_go_in_real_time(ros: Ros, tmp_path: Path) -> None:

@@ -53,3 +53,9 @@ def test_empty_list_default_requires_an_element_type() -> None:
 def test_error_of_an_invalid_parameter_names_it(values: dict[str, Any], message: str) -> None:
     with pytest.raises(ParameterError, match=message):
         Example.from_mapping(values)
+
+
+def test_error_names_a_parameter_as_the_user_has_written_it() -> None:
+    for prefix, name in ((None, "Example.speed"), ("drive.", "drive.speed"), ("--", "--speed")):
+        with pytest.raises(ParameterError, match=f"^{name} is 3.0 m/s"):
+            Example.from_mapping({"speed": 3.0}, prefix=prefix)
