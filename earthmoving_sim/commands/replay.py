@@ -94,6 +94,7 @@ def run(args: argparse.Namespace) -> int:
         check_output_file("--save", args.save)
     changes = [parse_change(text) for text in args.what_if]
     reader = BagReader(args.bag, namespace=args.namespace)
+    reader.check_simulation()
     known = surveys = survey_runs(reader, reading_progress())
     if args.run_id is not None:
         surveys = [each for each in surveys if each.run_id == args.run_id]

@@ -51,9 +51,10 @@ def audit_bag(
         namespace: that of the simulation to audit; needed if the bag has several.
 
     Raises:
-        BagReadError: it cannot be read, or has several simulations.
+        BagReadError: it cannot be read, or has several simulations, or none in this namespace.
     """
     reader = BagReader(path, namespace=namespace)
+    reader.check_simulation()
     collected = collect_messages(reader, progress)
     findings = [
         Finding(Check.COMPLETENESS, f"{name} has no end; what came after its last chunk is lost")

@@ -90,6 +90,7 @@ class BagReader:
                 f"{self.path} has no messages; start the recorder before the nodes publish"
             )
         if not self.topics:
+            self.check_simulation()
             found = {c.message_encoding for file in self._files for c in file.channels.values()}
             raise BagReadError(
                 f"{self.path} has no ROS 2 messages in the namespace {self.namespace or '/'}; give"
@@ -197,17 +198,35 @@ class BagReader:
         """Return whether a topic is not that of another simulation in a namespace below this."""
         return not any(topic.startswith(f"{each}/") for each in self._nested_simulations)
 
+    def check_simulation(self) -> None:
+        """Check that the simulation is in this namespace, if the bag has one at all.
+
+        Raises:
+            BagReadError: simulations are in other namespaces only.
+        """
+        found = self._simulations
+        if found and (self.namespace or "/") not in found:
+            raise BagReadError(
+                f"{self.path} has no simulation in the namespace {self.namespace or '/'}; it has"
+                f" {'one' if len(found) == 1 else 'some'} in {', '.join(found)}"
+            )
+
     def __iter__(self) -> Iterator[tuple[str, int, Any]]:
         return self.messages()
 
-    def _find_simulation(self) -> str:
-        """Return the namespace of the only simulation that publishes tick headers."""
+    @cached_property
+    def _simulations(self) -> list[str]:
+        """Namespaces of all simulations in the bag: those in which tick headers are published."""
         names = {channel.topic for file in self._files for channel in file.channels.values()}
-        found = sorted(
+        return sorted(
             name.removesuffix(_SOIL_TICK_TOPIC) or "/"
             for name in names
             if name.endswith(_SOIL_TICK_TOPIC)
         )
+
+    def _find_simulation(self) -> str:
+        """Return the namespace of the only simulation."""
+        found = self._simulations
         if len(found) > 1:
             raise BagReadError(
                 f"{self.path} has simulations in the namespaces {', '.join(found)}; choose one by"

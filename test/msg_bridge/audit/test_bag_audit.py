@@ -133,6 +133,9 @@ def test_simulation_in_a_namespace_is_audited_by_its_namespace(recording, tmp_pa
         assert report.messages == len(recording.messages)
     with pytest.raises(BagReadError, match="namespaces /, /site_a;"):
         audit_bag(path)
+    for namespace in ("/site_a/excavator", "/site_b"):
+        with pytest.raises(BagReadError, match=f"no simulation in .*{namespace};.* in /, /site_a"):
+            audit_bag(path, namespace=namespace)
 
 
 def test_only_simulation_of_a_bag_is_audited_in_any_namespace(recording, tmp_path: Path) -> None:
