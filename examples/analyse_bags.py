@@ -3,10 +3,12 @@
     python examples/analyse_bags.py bags/format_1 bags/format_2
 
 Exports the bags as Parquet tables, into the folder `--tables` or a temporary one, and queries all
-of them at once. `pip install duckdb` installs what this needs beside the package.
+of them at once; tables of the same bags that are there already are replaced. `pip install duckdb`
+installs what this needs beside the package.
 """
 
 import argparse
+import sys
 import tempfile
 from pathlib import Path
 
@@ -41,6 +43,19 @@ WORK = """
 """
 
 
+def analyse(bags: list[Path], tables: Path) -> None:
+    """Export bags into a folder of tables, and print the results of the queries."""
+    import duckdb
+
+    from earthmoving_sim.bag_export import export_bag
+    from msg_bridge.bag.reader import BagReader
+
+    for bag in bags:
+        export_bag(BagReader(bag), tables / f"bag={bag.resolve().stem}", overwrite=True)
+    for query in (VOLUMES, CYCLES, WORK):
+        print(duckdb.sql(query.format(tables=tables)))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("bags", nargs="+", type=Path, help="recordings")
@@ -49,15 +64,13 @@ def main() -> None:
 
     import duckdb
 
-    from earthmoving_sim.bag_export import export_bag
-    from msg_bridge.bag.reader import BagReader
+    from msg_bridge.contract.errors import EarthmovingError
 
     with tempfile.TemporaryDirectory() as temporary:
-        tables = options.tables or Path(temporary)
-        for bag in options.bags:
-            export_bag(BagReader(bag), tables / f"bag={bag.resolve().stem}")
-        for query in (VOLUMES, CYCLES, WORK):
-            print(duckdb.sql(query.format(tables=tables)))
+        try:
+            analyse(options.bags, options.tables or Path(temporary))
+        except (EarthmovingError, duckdb.Error) as error:  # no such bag; no such table
+            sys.exit(f"{parser.prog}: {error}")
 
 
 if __name__ == "__main__":

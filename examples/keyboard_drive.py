@@ -14,6 +14,7 @@ boom for two seconds: `(echo i; sleep 2) | python examples/keyboard_drive.py`.
 """
 
 import argparse
+import signal
 import sys
 import termios
 import threading
@@ -23,6 +24,7 @@ from contextlib import suppress
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 KEY_TABLE = __doc__.split("\n\n")[3]
@@ -76,7 +78,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     ).parse_args()
     print(KEY_TABLE, flush=True)
-    rclpy.init()
+    # rclpy's own handler of SIGTERM would leave the terminal waiting for a key.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
     node = rclpy.create_node("keyboard_drive")
     commands = node.create_publisher(JointState, "/excavator/joint_commands", 10)
     velocities = dict(STOPPED)
@@ -91,6 +95,8 @@ def main() -> None:
     try:
         for key in read_keys():
             velocities = update(velocities, key)
+    except KeyboardInterrupt:
+        pass
     finally:
         rclpy.shutdown()
         thread.join()

@@ -1,7 +1,7 @@
 """Write an array of heights as a terrain file.
 
-    python examples/own_terrain.py terrain.npz
-    earthmoving demo --terrain terrain.npz
+    python examples/own_terrain.py out/terrain.npz
+    earthmoving demo --terrain out/terrain.npz
 
 Row 0 of the array lies at the largest x and column 0 at the largest y, as in grid_map; rows run
 toward -x and columns toward -y. The origin of the map frame is the middle of the map:
@@ -17,6 +17,7 @@ toward -x and columns toward -y. The origin of the map frame is the middle of th
 """
 
 import argparse
+from pathlib import Path
 
 import numpy as np
 
@@ -35,8 +36,11 @@ def heights() -> np.ndarray:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("path", nargs="?", default="terrain.npz", help="file to write")
+    parser.add_argument(
+        "path", nargs="?", type=Path, default=Path("out/terrain.npz"), help="file to write"
+    )
     path = parser.parse_args().path
+    path.parent.mkdir(parents=True, exist_ok=True)
     np.savez(path, heights=heights(), cell=CELL)
     print(f"{path}: {ROWS} x {COLS} points, {CELL} m apart")
 

@@ -2,12 +2,14 @@
 
     python examples/plot_volume_from_bag.py bags/demo-2026-01-31T12-00-00Z
 
-The picture is `volume.png`, or the file that the second argument names.
+The picture is `out/volume.png`, or the file that the second argument names.
 
 The arrays in these topics are labelled: the label of their dimension names the values.
 """
 
 import argparse
+import sys
+from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -22,15 +24,10 @@ def values(msg: Any) -> dict[str, float]:
     return dict(zip(msg.layout.dim[0].label.split(","), msg.data, strict=True))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("bag", help="folder of the recording")
-    parser.add_argument(
-        "picture", nargs="?", default="volume.png", help="file to write (volume.png)"
-    )
-    options = parser.parse_args()
+def plot(bag: Path, picture: Path) -> None:
+    """Plot a recording, and print the worst imbalance of its ledger."""
     rows: dict[str, list[dict[str, float]]] = {LEDGER: [], PAYLOAD: []}
-    for topic, _, msg in BagReader(options.bag).messages([LEDGER, PAYLOAD]):
+    for topic, _, msg in BagReader(bag).messages([LEDGER, PAYLOAD]):
         rows[topic].append(values(msg))
 
     figure = Figure(figsize=(8, 6), layout="constrained")
@@ -44,9 +41,27 @@ def main() -> None:
         )
     bottom.set(xlabel="tick", ylabel="soil in motion [bank m³]")
     bottom.legend()
-    figure.savefig(options.picture)
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(picture)
     imbalance = max(abs(row["imbalance"]) for row in ledger)
-    print(f"{options.picture}: {len(ledger)} ticks, imbalance {imbalance:.0f} mm3 at worst")
+    print(f"{picture}: {len(ledger)} ticks, imbalance {imbalance:.0f} mm3 at worst")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("bag", type=Path, help="folder of the recording")
+    parser.add_argument(
+        "picture",
+        nargs="?",
+        type=Path,
+        default=Path("out/volume.png"),
+        help="file to write (out/volume.png)",
+    )
+    options = parser.parse_args()
+    try:
+        plot(options.bag, options.picture)
+    except (OSError, ValueError) as error:  # no such bag or topic; a picture of another format
+        sys.exit(f"{parser.prog}: {error}")
 
 
 if __name__ == "__main__":

@@ -6,10 +6,12 @@ Start the simulation, then run
 """
 
 import argparse
+import signal
 import sys
 
 import rclpy
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import Trigger
 
 TIMEOUT = 10.0  # of each service [s]
@@ -29,7 +31,8 @@ def call(node: Node, service: str) -> Trigger.Response:
 
 def main() -> None:
     argparse.ArgumentParser(description=__doc__.split("\n")[0]).parse_args()
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends the script, as SIGTERM does
     node = rclpy.create_node("reset_run")
     is_successful = True
     for service in ("/sim/reset", "/soil/verify"):

@@ -7,17 +7,19 @@ Start the simulation, then run
 A closed loop over three topics: joint angles, force of the soil on the bucket, and payload. Boom,
 arm and bucket may have any angles at the start. The fill is printed once a second of simulated
 time. If the joints stop moving before the bucket is full, at their limits or because the soil is
-too strong, the script ends with the reason and exit code 1.
+too strong, the script ends with the reason and exit code 1; after Ctrl-C, too.
 """
 
 import argparse
 import math
+import signal
 import sys
 import time
 
 import rclpy
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
@@ -121,10 +123,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--fill", type=float, default=0.8, help="fraction of heaped capacity (0.8)")
     fill = parser.parse_args().fill
-    rclpy.init()
+    if not 0.0 < fill <= 1.0:
+        parser.error(f"--fill is {fill:g}; give more than 0, and at most 1 for a heaped bucket")
+    # With its own handlers rclpy would shut down, and zero velocities could not be sent.
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
     node = StopWhenFull(fill)
-    while not (node.is_full or node.error):
-        rclpy.spin_once(node)
+    try:
+        while not (node.is_full or node.error):
+            rclpy.spin_once(node)
+    except KeyboardInterrupt:
+        node.error = "stopped before the bucket was full"
     for _ in range(3):  # zero velocities
         node.send_command()
         time.sleep(PERIOD)

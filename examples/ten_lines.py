@@ -6,8 +6,10 @@ Start the simulation, then run
 """
 
 import argparse
+from contextlib import suppress
 
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from sensor_msgs.msg import JointState
 
 argparse.ArgumentParser(description=__doc__.split("\n")[0]).parse_args()
@@ -18,4 +20,5 @@ commands = node.create_publisher(JointState, "/excavator/joint_commands", 10)
 command = JointState(name=["swing", "boom"], velocity=[0.2, -0.1])
 # A command that is not renewed for 0.3 s expires; the joints then hold their angles.
 node.create_timer(0.05, lambda: commands.publish(command))
-rclpy.spin(node)
+with suppress(KeyboardInterrupt, ExternalShutdownException):  # until Ctrl-C or SIGTERM
+    rclpy.spin(node)

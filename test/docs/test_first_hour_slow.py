@@ -90,4 +90,4 @@ def test_commands_of_the_first_hour_run_in_order(
     )
     assert int(fill) >= 80
     assert "Passed" in outputs["earthmoving audit bags/mine"]
-    assert (reader_folder / "volume.png").is_file()
+    assert (reader_folder / "out/volume.png").is_file()

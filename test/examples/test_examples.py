@@ -6,6 +6,7 @@ import ast
 import importlib.util
 import itertools
 import re
+import signal
 import subprocess
 import sys
 from dataclasses import fields
@@ -59,6 +60,23 @@ def test_help_of_each_example_is_printed_quickly(path: Path) -> None:
     assert done.stdout.startswith("usage: ")
 
 
+@pytest.mark.parametrize(
+    ("name", "arguments", "error"),
+    [
+        ("plot_volume_from_bag", ["nosuch"], "there is no bag nosuch"),
+        ("plot_volume_from_bag", ["bags/format_2"], "has no topic /excavator/payload"),
+        ("analyse_bags", ["nosuch"], "there is no bag nosuch"),
+        ("stop_when_full", ["--fill", "9"], "--fill is 9; give more than 0, and at most 1"),
+    ],
+)
+def test_invalid_input_is_reported_in_one_line(name: str, arguments: list[str], error: str) -> None:
+    command = [sys.executable, str(EXAMPLES / f"{name}.py"), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=EXAMPLES.parent)
+    assert done.returncode in (1, 2)
+    assert error in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+
+
 def test_keyboard_drive_prints_its_keys_at_the_start(ros_domain: int) -> None:
     command = [sys.executable, str(EXAMPLES / "keyboard_drive.py")]
     done = subprocess.run(command, input="wq", capture_output=True, text=True, timeout=60)
@@ -69,8 +87,10 @@ def test_keyboard_drive_prints_its_keys_at_the_start(ros_domain: int) -> None:
 
 def test_ten_lines_publishes_velocities(ros: Ros, ros_process: StartProcess) -> None:
     commands = ros.collect(COMMANDS, JointState)
-    ros_process([sys.executable, EXAMPLES / "ten_lines.py"])
+    process = ros_process([sys.executable, EXAMPLES / "ten_lines.py"])
     ros.spin_until(lambda: len(commands) >= 3)
+    process.stop(signal.SIGTERM)
+    assert process.output == ""
     assert dict(zip(commands[-1].name, commands[-1].velocity, strict=True)) == {
         "swing": 0.2,
         "boom": -0.1,
@@ -107,6 +127,21 @@ def test_stop_when_full_gives_a_reason_when_the_joints_do_not_move(
     ros.spin_until(has_ended, what="the end of the script")
     process.wait(expect=1)
     assert "the joints are at a limit" in process.output
+
+
+def test_stop_when_full_stops_the_machine_when_it_is_terminated(
+    ros: Ros, ros_process: StartProcess
+) -> None:
+    commands = ros.collect(COMMANDS, JointState)
+    process = ros_process([sys.executable, EXAMPLES / "stop_when_full.py"])
+    joints = ros.publisher("/excavator/joint_states", JointState, subscriptions=1)
+    joints.publish(JointState(name=["boom", "arm", "bucket"], position=[0.85, 2.6, 2.3]))
+    payload = ros.publisher("/excavator/payload", Float64MultiArray, subscriptions=1)
+    payload.publish(to_payload_array(PayloadState(0.0, 0.0, 0.0, 0.0, 0.0)))
+    ros.spin_until(lambda: commands, what="a command")
+    process.stop(signal.SIGTERM, expect=1)
+    assert "Traceback" not in process.output
+    ros.spin_until(lambda: list(commands[-1].velocity) == 3 * [0.0], what="zero velocities")
 
 
 def test_reset_run_calls_both_services(ros: Ros, ros_process: StartProcess) -> None:
