@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -37,19 +39,63 @@ from earthmoving_sim.pictures.style import (
 )
 from msg_bridge.contract.grid import Grid
 
-__all__ = ["dig_azimuth", "draw_bucket_path", "heights_at"]
+__all__ = ["DigSection", "dig_section", "draw_bucket_path", "heights_at"]
 
 LEFT, PLAN, GAP, SIDE, RIGHT, BELOW, ABOVE = 0.72, 6.0, 0.85, 7.0, 0.25, 1.32, 1.1  # [in]
 FOOT, BETWEEN, BAR = 0.62, 0.95, 0.12  # below and between right-hand panels, colour bar [in]
 
 MIN_PLAN_HEIGHT = 5.2  # [in]
 PROFILE_MARGIN_M = 1.2  # ground shown in the side view beyond the dig [m]
+# Half the width of a bucket of 1 m: the section passes through all that these cycles cut.
+NEAR_SECTION_M = 0.5
 MAX_LABELLED_CYCLES = 6  # beyond, only the first and last are in the legend
 
-# Dark to light; all colours are dark enough for the pale ground.
+# Dark to light; no colour is as dark as the line of the ground, or as pale as its area.
 CYCLE_COLOURS = LinearSegmentedColormap.from_list(
-    "cycle", ["#1b1033", "#5a1d6b", "#a8325e", "#de5d2f", "#f0a202"]
+    "cycle", ["#5a1d6b", "#a8325e", "#de5d2f", "#f0a202"]
 )
+
+
+@dataclass(frozen=True, eq=False)
+class DigSection:
+    """The vertical plane in which the last cycle dug, and the cycles that dug near it.
+
+    Attributes:
+        origin: x, y from which distances are measured, that of the machine [m], shape (2,).
+        azimuth: direction from there to the lip in the last cycle that dug [rad].
+        cycles: cycles that dug within `NEAR_SECTION_M` of the plane, in front of the machine.
+    """
+
+    origin: NDArray[np.float64]
+    azimuth: float
+    cycles: list[int]
+
+    @property
+    def direction(self) -> NDArray[np.float64]:
+        """Horizontal unit vector along the section, shape (2,)."""
+        return np.array([np.cos(self.azimuth), np.sin(self.azimuth)])
+
+    def points(self, r: NDArray[np.float64] | tuple[float, float]) -> NDArray[np.float64]:
+        """Return x, y at distances from the machine [m], shape (n, 2)."""
+        return self.origin + np.outer(r, self.direction)
+
+    def along(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the distance from the machine along the section of x, y [m], shape (n,)."""
+        return np.asarray((points - self.origin) @ self.direction, dtype=np.float64)
+
+    def beside(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the distance to the left of the section of x, y [m], shape (n,)."""
+        left = np.array([-self.direction[1], self.direction[0]])
+        return np.asarray((points - self.origin) @ left, dtype=np.float64)
+
+    def shows(self, record: SiteRecord) -> NDArray[np.bool_]:
+        """Return which points of the lip's path are digging in its cycles, shape (n,)."""
+        return np.asarray((record.lip_phase == "dig") & np.isin(record.lip_cycle, self.cycles))
+
+    def reach(self, record: SiteRecord) -> tuple[float, float]:
+        """Return the minimum and maximum distance from the machine in the side view [m]."""
+        r = self.along(record.lip_path[self.shows(record), :2])
+        return max(0.0, float(r.min()) - PROFILE_MARGIN_M), float(r.max()) + PROFILE_MARGIN_M
 
 
 def draw_bucket_path(record: SiteRecord, path: Path) -> Path:
@@ -78,13 +124,14 @@ def draw_bucket_path(record: SiteRecord, path: Path) -> Path:
         labelled=False,
     )
     draw_machine(plan, record)
-    draw_plan(plan, record)
+    section = dig_section(record)
+    draw_plan(plan, record, section)
     draw_scale_bar(plan, window)
-    draw_side(side, record)
+    draw_side(side, record, section)
     draw_heights(profile, record)
     titles = (
         (plan, "Path of the lip over the final ground"),
-        (side, "Digging from the side; ground profile along the dashed line"),
+        (side, "Digging along the dashed line, from the side"),
         (profile, "Height of the lip along its path"),
     )
     for axes, name in titles:
@@ -99,21 +146,19 @@ def draw_bucket_path(record: SiteRecord, path: Path) -> Path:
     return save(figure, path)
 
 
-def draw_plan(axes: Axes, record: SiteRecord) -> None:
-    """Draw the path in the colours of its phases, and the line of the side view's profile."""
+def draw_plan(axes: Axes, record: SiteRecord, section: DigSection | None) -> None:
+    """Draw the path in the colours of its phases, and the line of the side view's section."""
     colours = phase_colours(_phases(record))
     lines = _phase_lines(record, record.lip_path[:, :2], colours)
     lines.set_path_effects(halo(2.4))
     axes.add_collection(lines, autolim=False)
     keys: list[Line2D] = [Line2D([], [], color=c, lw=2.2, label=p) for p, c in colours.items()]
-    azimuth = dig_azimuth(record)
-    if azimuth is not None:
-        reach = _dig_reach(record)
-        ends = record.machine_origin + np.outer([0.0, reach[1]], [np.cos(azimuth), np.sin(azimuth)])
+    if section is not None:
+        ends = section.points((0.0, section.reach(record)[1]))
         profile = {"color": INK, "lw": 1.0, "ls": (0, (6, 3))}
         axes.plot(*ends.T, **profile, zorder=5)  # type: ignore[arg-type]
-        axes.plot(*record.machine_origin, "+", color=INK, ms=8, mew=1.2, zorder=6)
-        keys.append(Line2D([], [], **profile, label="profile"))  # type: ignore[arg-type]
+        axes.plot(*section.origin, "+", color=INK, ms=8, mew=1.2, zorder=6)
+        keys.append(Line2D([], [], **profile, label="section"))  # type: ignore[arg-type]
     if keys:
         legend = axes.legend(
             handles=keys, fontsize=SMALL, loc="upper right", framealpha=0.9, edgecolor="none"
@@ -122,47 +167,59 @@ def draw_plan(axes: Axes, record: SiteRecord) -> None:
     label_metres(axes, "x", "y")
 
 
-def draw_side(axes: Axes, record: SiteRecord) -> None:
-    """Draw the lip in each cycle's dig phase, perpendicular to the dig direction."""
+def draw_side(axes: Axes, record: SiteRecord, section: DigSection | None) -> None:
+    """Draw the ground along the section, and the lip in the cycles that dug near it."""
     label_metres(axes, "distance from the machine r", "height z")
-    azimuth = dig_azimuth(record)
-    if azimuth is None:
-        axes.text(
-            0.5,
-            0.5,
-            "nothing was dug",
-            size=BOLD,
-            color=GREY,
-            ha="center",
-            transform=axes.transAxes,
-        )
+    if section is None:
+        middle = axes.transAxes
+        axes.text(0.5, 0.5, "nothing was dug", size=BOLD, color=GREY, ha="center", transform=middle)
         return
-    is_digging = record.lip_phase == "dig"
-    path = _radial(record)
-    direction = np.array([np.cos(azimuth), np.sin(azimuth)])
-    r = np.linspace(*_dig_reach(record), 400)
-    points = record.machine_origin + np.outer(r, direction)
+    shown = section.shows(record)
+    path = np.column_stack([section.along(record.lip_path[:, :2]), record.lip_path[:, 2]])
+    r = np.linspace(*section.reach(record), 400)
+    points = section.points(r)
     profiles = [heights_at(record.grid, h, points) for h in (record.before, record.after)]
-    _set_equal_limits(axes, r, np.concatenate([*profiles, path[is_digging, 1]]))
+    _set_equal_limits(axes, r, np.concatenate([*profiles, path[shown, 1]]))
 
+    _draw_ground(axes, record, section)
+    cycles = section.cycles
+    colours = CYCLE_COLOURS(np.linspace(0.0, 1.0, max(len(cycles), 2)))
+    for cycle, colour in zip(cycles, colours, strict=False):
+        cycle_path = np.where((shown & (record.lip_cycle == cycle))[:, None], path, np.nan)
+        is_labelled = len(cycles) <= MAX_LABELLED_CYCLES or cycle in (cycles[0], cycles[-1])
+        label = f"cycle {cycle}" if is_labelled else None
+        axes.plot(*cycle_path.T, color=colour, lw=1.4, label=label)
+    axes.legend(fontsize=SMALL, loc="best", framealpha=0.9, edgecolor="none", ncols=2)
+    num_dug = len(np.unique(record.lip_cycle[record.lip_phase == "dig"]))
+    note = (
+        f"{len(cycles)} of {num_dug} cycles: those that dug within {NEAR_SECTION_M} m of the line"
+    )
+    axes.annotate(
+        note,
+        (0.0, 0.0),
+        xycoords="axes fraction",
+        xytext=(6, 6),
+        textcoords="offset points",
+        size=SMALL,
+        color=GREY,
+    )
+
+
+def _draw_ground(axes: Axes, record: SiteRecord, section: DigSection) -> None:
+    """Draw the ground along the section, before and after, over the width of the axes.
+
+    Loose soil has a colour of its own: it slid or fell into the cut and lies above the paths.
+    """
     r = np.linspace(*axes.get_xlim(), 400)
-    points = record.machine_origin + np.outer(r, direction)
-    before, after = (heights_at(record.grid, h, points) for h in (record.before, record.after))
-    axes.fill_between(r, after, axes.get_ylim()[0], fc="#d9c9ae", ec="none")
+    before, after, loose = (
+        heights_at(record.grid, values, section.points(r))
+        for values in (record.before, record.after, record.loose_depth)
+    )
+    axes.fill_between(r, after - loose, axes.get_ylim()[0], fc="#d9c9ae", ec="none")
+    axes.fill_between(r, after, after - loose, fc="#c3a878", ec="none", label="loose soil after")
     axes.fill_between(r, before, after, where=list(before > after), fc="#efe6d6", ec="none")
     axes.plot(r, before, color=GREY, lw=1.1, ls=(0, (5, 2)), label="ground before")
     axes.plot(r, after, color=INK, lw=1.5, label="ground after")
-    cycles = np.unique(record.lip_cycle[is_digging])
-    colours = CYCLE_COLOURS(np.linspace(0.0, 1.0, max(len(cycles), 2)))
-    for cycle, colour in zip(cycles, colours, strict=False):
-        cycle_path = np.where((is_digging & (record.lip_cycle == cycle))[:, None], path, np.nan)
-        label = (
-            f"cycle {cycle}"
-            if len(cycles) <= MAX_LABELLED_CYCLES or cycle in cycles[[0, -1]]
-            else None
-        )
-        axes.plot(*cycle_path.T, color=colour, lw=1.4, label=label)
-    axes.legend(fontsize=SMALL, loc="best", framealpha=0.9, edgecolor="none", ncols=2)
 
 
 def _set_equal_limits(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64]) -> None:
@@ -205,13 +262,30 @@ def draw_heights(axes: Axes, record: SiteRecord) -> None:
     axes.set_ylim(height.min() - 0.3, height.max() + 0.7)
 
 
-def dig_azimuth(record: SiteRecord) -> float | None:
-    """Return the mean azimuth from the machine to the lip while digging [rad]; None without dig."""
-    offset = record.lip_path[record.lip_phase == "dig", :2] - record.machine_origin
-    if not len(offset):
+def dig_section(record: SiteRecord) -> DigSection | None:
+    """Return the section through the last cycle that dug; None without dig.
+
+    Nothing that a later cycle dug or spilled there hides what this cycle cut.
+    """
+    is_digging = record.lip_phase == "dig"
+    dug = np.unique(record.lip_cycle[is_digging]).tolist()
+    if not dug:
         return None
-    mean = (offset / np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-9)).mean(axis=0)
-    return float(np.arctan2(mean[1], mean[0]))
+    paths = [record.lip_path[is_digging & (record.lip_cycle == cycle), :2] for cycle in dug]
+    offset = paths[-1] - record.machine_origin
+    unit = offset / np.maximum(np.linalg.norm(offset, axis=1, keepdims=True), 1e-9)
+    x, y = unit.mean(axis=0).tolist()
+    section = DigSection(record.machine_origin, math.atan2(y, x), dug[-1:])
+    near = [
+        cycle for cycle, path in zip(dug[:-1], paths[:-1], strict=True) if _is_near(section, path)
+    ]
+    return replace(section, cycles=[*near, dug[-1]])
+
+
+def _is_near(section: DigSection, path: NDArray[np.float64]) -> bool:
+    """Return whether points x, y [m] are close to the section and in front of the machine."""
+    is_close = np.abs(section.beside(path)).max() <= NEAR_SECTION_M
+    return bool(is_close and section.along(path).min() > 0.0)
 
 
 def heights_at(
@@ -250,18 +324,6 @@ def _phase_lines(
         capstyle="round",
         zorder=5,
     )
-
-
-def _radial(record: SiteRecord) -> NDArray[np.float64]:
-    """Return horizontal distance from the machine and height of the lip [m], shape (n, 2)."""
-    r = np.linalg.norm(record.lip_path[:, :2] - record.machine_origin, axis=1)
-    return np.stack([r, record.lip_path[:, 2]], axis=1)
-
-
-def _dig_reach(record: SiteRecord) -> tuple[float, float]:
-    """Return the minimum and maximum distance from the machine in the side view [m]."""
-    r = _radial(record)[record.lip_phase == "dig", 0]
-    return max(0.0, float(r.min()) - PROFILE_MARGIN_M), float(r.max()) + PROFILE_MARGIN_M
 
 
 def _travelled(record: SiteRecord) -> NDArray[np.float64]:

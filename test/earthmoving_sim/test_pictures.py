@@ -16,7 +16,7 @@ from earthmoving_sim.pictures import (
     shading,
     to_image,
 )
-from earthmoving_sim.pictures.bucket_path import dig_azimuth, heights_at
+from earthmoving_sim.pictures.bucket_path import NEAR_SECTION_M, DigSection, dig_section, heights_at
 from earthmoving_sim.pictures.cut_fill import volume_lines
 from earthmoving_sim.pictures.map_window import window_around
 from earthmoving_sim.pictures.mesh import ground_mesh
@@ -74,6 +74,12 @@ def without_path(record: SiteRecord) -> SiteRecord:
         lip_cycle=np.empty(0, dtype=int),
         lip_phase=np.empty(0, dtype=str),
     )
+
+
+def section_of(record: SiteRecord) -> DigSection:
+    section = dig_section(record)
+    assert section is not None
+    return section
 
 
 def assert_is_picture(path) -> None:
@@ -181,9 +187,36 @@ def test_machine_origin_is_the_position_or_the_middle_of_the_outline():
     assert site().machine_origin.tolist() == [0.0, 0.0]
 
 
-def test_dig_azimuth_points_from_the_machine_to_the_pit():
-    assert dig_azimuth(site()) == pytest.approx(0.0)
-    assert dig_azimuth(site(machine_position=(4.0, -4.0))) == pytest.approx(np.pi / 2, abs=0.02)
+def test_section_is_in_the_direction_of_the_dig():
+    assert section_of(site()).azimuth == pytest.approx(0.0)
+    beside = site(machine_position=(4.0, -4.0))
+    assert section_of(beside).azimuth == pytest.approx(np.pi / 2, abs=0.02)
+
+
+def test_record_without_dig_has_no_section():
+    assert dig_section(without_path(site())) is None
+
+
+@pytest.mark.parametrize(("side", "cycles"), [(0.9, [1, 2]), (-0.9, [1, 2]), (1.1, [2]), (-3, [2])])
+def test_section_is_that_of_the_last_dig_and_of_the_cycles_close_to_it(side, cycles):
+    record = site()
+    path = record.lip_path + np.outer(record.lip_cycle == 1, [0.0, side * NEAR_SECTION_M, 0.0])
+    section = section_of(replace(record, lip_path=path))
+    assert section.azimuth == pytest.approx(0.0), "the direction of cycle 2"
+    assert section.cycles == cycles
+
+
+def test_dig_behind_the_machine_is_not_in_the_section():
+    record = site()
+    path = record.lip_path * np.where(record.lip_cycle == 1, -1.0, 1.0)[:, None]
+    assert section_of(replace(record, lip_path=path)).cycles == [2]
+
+
+def test_side_view_has_distances_along_its_section():
+    section = section_of(site(machine_position=(1.0, 0.0)))
+    points = np.array([[4.0, 0.4], [3.0, -2.0]])
+    np.testing.assert_allclose(section.along(points), [3.0, 2.0])
+    np.testing.assert_allclose(section.points((3.0, 2.0)), [[4.0, 0.0], [3.0, 0.0]])
 
 
 def test_profile_of_a_plane_is_the_plane():
