@@ -71,6 +71,7 @@ def write_pictures(outcome: DigOutcome, folder: Path) -> list[Path]:
         machine_mesh=outcome.machine_mesh,
         machine_position=outcome.machine_position,
         title=f"{outcome.moved_volume:.2f} bank m³ moved in {num_cycles}",
+        num_finished_cycles=len(outcome.cycles),
     )
     return [
         draw_cut_fill(record, folder / "cut_fill.png"),

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -139,8 +140,7 @@ def draw_bucket_path(record: SiteRecord, path: Path) -> Path:
     add_colour_bar(
         add_axes(figure, LEFT + 0.2 * PLAN, 0.52, 0.6 * PLAN, BAR), heights, "height z [m]"
     )
-    cycles = len(np.unique(record.lip_cycle))
-    count = "1 cycle" if cycles == 1 else f"{cycles} cycles"
+    count = "1 cycle" if record.num_cycles == 1 else f"{record.num_cycles} cycles"
     subtitle = f"{count} · lip travelled {_travelled(record)[-1]:.0f} m"
     add_title(figure, record.title, subtitle, LEFT)
     return save(figure, path)
@@ -187,12 +187,13 @@ def draw_side(axes: Axes, record: SiteRecord, section: DigSection | None) -> Non
     for cycle, colour in zip(cycles, colours, strict=False):
         cycle_path = np.where((shown & (record.lip_cycle == cycle))[:, None], path, np.nan)
         is_labelled = len(cycles) <= MAX_LABELLED_CYCLES or cycle in (cycles[0], cycles[-1])
-        label = f"cycle {cycle}" if is_labelled else None
+        label = _cycle_name(record, cycle) if is_labelled else None
         axes.plot(*cycle_path.T, color=colour, lw=1.4, label=label)
     axes.legend(fontsize=SMALL, loc="best", framealpha=0.9, edgecolor="none", ncols=2)
-    num_dug = len(np.unique(record.lip_cycle[record.lip_phase == "dig"]))
+    num_shown = sum(record.is_finished(cycle) for cycle in cycles)
     note = (
-        f"{len(cycles)} of {num_dug} cycles: those that dug within {NEAR_SECTION_M} m of the line"
+        f"{num_shown} of {record.num_cycles} cycles: those that dug within {NEAR_SECTION_M} m of"
+        " the line"
     )
     axes.annotate(
         note,
@@ -246,20 +247,29 @@ def draw_heights(axes: Axes, record: SiteRecord) -> None:
     for start in starts[1:]:
         axes.axvline(travelled[start], color=GREY, lw=0.6, ls=":")
     for start in starts[:: max(1, len(starts) // 12)]:
-        axes.annotate(
-            f"cycle {record.lip_cycle[start]}"
-            if start == starts[0]
-            else f"{record.lip_cycle[start]}",
-            (travelled[start], 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(3, -3),
-            textcoords="offset points",
-            size=SMALL - 1,
-            color=GREY,
-            va="top",
-        )
+        cycle = int(record.lip_cycle[start])
+        if record.is_finished(cycle):
+            name = f"cycle {cycle}" if start == starts[0] else f"{cycle}"
+            _annotate_top(axes, float(travelled[start]), name, "left")
+    if not record.is_finished(int(record.lip_cycle[-1])):
+        _annotate_top(axes, float(travelled[-1]), "unfinished", "right")
     axes.set_xlim(0.0, max(float(travelled[-1]), 1.0))
     axes.set_ylim(height.min() - 0.3, height.max() + 0.7)
+
+
+def _annotate_top(axes: Axes, x: float, text: str, side: Literal["left", "right"]) -> None:
+    """Write small text at the top of axes, with its left or right end beside x."""
+    axes.annotate(
+        text,
+        (x, 1.0),
+        xycoords=("data", "axes fraction"),
+        xytext=(3 if side == "left" else -3, -3),
+        textcoords="offset points",
+        size=SMALL - 1,
+        color=GREY,
+        va="top",
+        ha=side,
+    )
 
 
 def dig_section(record: SiteRecord) -> DigSection | None:
@@ -302,6 +312,10 @@ def heights_at(
         + u * ((1 - v) * heights[i + 1, j] + v * heights[i + 1, j + 1]),
         dtype=np.float64,
     )
+
+
+def _cycle_name(record: SiteRecord, cycle: int) -> str:
+    return f"cycle {cycle}" if record.is_finished(cycle) else "unfinished cycle"
 
 
 def _phases(record: SiteRecord) -> list[str]:

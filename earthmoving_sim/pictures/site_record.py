@@ -34,6 +34,8 @@ class SiteRecord:
         title: heading of the pictures.
         machine_mesh: triangles of the machine at the end; without them the 3-D view has no machine.
         machine_position: x, y of the machine's swing axis [m]; None: the middle of the outlines.
+        num_finished_cycles: number of cycles that were finished; later points of the path belong to
+            one that was not. None: all cycles of the path were.
 
     Raises:
         ParameterError: an array has another shape, or a height is not finite.
@@ -50,6 +52,7 @@ class SiteRecord:
     title: str
     machine_mesh: ColouredMesh | None = None
     machine_position: tuple[float, float] | None = None
+    num_finished_cycles: int | None = None
 
     def __post_init__(self) -> None:
         for name in ("before", "after", "loose_depth"):
@@ -78,6 +81,17 @@ class SiteRecord:
     def fill_volume(self) -> float:
         """Volume between the surfaces where the new one is higher [m^3]."""
         return float(np.maximum(self.change, 0.0).sum() * self.grid.cell**2)
+
+    @property
+    def num_cycles(self) -> int:
+        """Number of finished cycles."""
+        if self.num_finished_cycles is not None:
+            return self.num_finished_cycles
+        return len(np.unique(self.lip_cycle))
+
+    def is_finished(self, cycle: int) -> bool:
+        """Return whether a cycle of the path was finished."""
+        return self.num_finished_cycles is None or cycle <= self.num_finished_cycles
 
     @property
     def machine_origin(self) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ from earthmoving_sim.coloured_mesh import polygon_mesh
 from earthmoving_sim.pictures import (
     SiteRecord,
     Window,
+    bucket_path,
     draw_bucket_path,
     draw_cut_fill,
     draw_site_3d,
@@ -170,6 +171,20 @@ def test_cut_and_fill_are_the_volumes_moved():
         "cut 3.50 m³",
         "fill 0.00 m³",
     )
+
+
+def test_only_finished_cycles_count():
+    assert site().num_cycles == 2, "the path does not say that the last one was not finished"
+    record = site(num_finished_cycles=1)
+    assert record.num_cycles == 1
+    assert [record.is_finished(cycle) for cycle in (1, 2)] == [True, False]
+
+
+def test_subtitle_of_the_bucket_path_counts_finished_cycles(tmp_path, monkeypatch):
+    subtitles = []
+    monkeypatch.setattr(bucket_path, "add_title", lambda *args: subtitles.append(args[2]))
+    draw_bucket_path(site(num_finished_cycles=1), tmp_path / "picture.png")
+    assert subtitles[0].startswith("1 cycle ")
 
 
 def test_array_of_the_wrong_shape_is_rejected():

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from earthmoving_sim import cli, single_process_dig
+from earthmoving_sim import cli, report, single_process_dig
 from earthmoving_sim.dig_outcome import DigOutcome
 from earthmoving_sim.report import print_summary
 from earthmoving_sim.run_config import load_run_config
@@ -125,6 +125,15 @@ def test_lip_path_passes_through_dig_and_dump(one):
 def test_machine_stands_at_the_end_of_its_approach(one):
     x, y = one.outcome.machine_position
     assert (x, y) == pytest.approx((-4.0, 0.0), abs=0.2)
+
+
+def test_pictures_count_no_cycle_that_was_aborted(short_runs, tmp_path, monkeypatch):
+    records = []
+    for name in ("draw_cut_fill", "draw_bucket_path", "draw_site_3d"):
+        monkeypatch.setattr(report, name, lambda record, path: records.append(record))
+    report.write_pictures(short_runs[0], tmp_path)
+    assert set(short_runs[0].lip_cycle) == {1}
+    assert [record.num_cycles for record in records] == [0, 0, 0]
 
 
 def test_site_is_not_modified(one):
