@@ -8,6 +8,7 @@ installs it. Ctrl-C ends the film early; the file is complete up to there.
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -62,7 +63,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--end", type=float, metavar="S", help="end at this time [s] (default: the end of the bag)"
     )
     parser.add_argument(
-        "--at", type=float, metavar="S", help="one picture at this time [s] instead of a film"
+        "--at",
+        type=_picture_time,
+        metavar="S",
+        help="one picture at this time [s], or at the `end`, instead of a film",
     )
     parser.add_argument("--fps", type=float, help=f"frames per second ({_RATE:g})")
     parser.add_argument(
@@ -107,6 +111,20 @@ def run(args: argparse.Namespace) -> int:
     )
     make_film(request)
     return 0
+
+
+def _picture_time(text: str) -> float:
+    """Return the time of a picture [s]; `math.inf` for the end.
+
+    Raises:
+        argparse.ArgumentTypeError: the text is neither a number nor `end`.
+    """
+    if text == "end":
+        return math.inf
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is neither a time [s] nor `end`") from None
 
 
 def _default_output(bag: Path, is_picture: bool) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,10 @@ from viewer.rendering.picture import PictureSize
 from viewer.scene.scene import Scene
 from viewer.sources.bag_scene import BagScene
 
-__all__ = ["FilmRequest", "make_film"]
+__all__ = ["END", "FilmRequest", "frame_times", "make_film"]
+
+END = math.inf
+"""Time of a picture at the end of the bag."""
 
 _TIME_TOLERANCE = 0.005
 """Time by which an end may lie after that of the bag, because it was rounded [s]."""
@@ -42,7 +46,7 @@ class FilmRequest:
         speed: simulated seconds per second of the film.
         start: first time [s] after the beginning of the bag.
         end: last time [s] after the beginning of the bag; None: the end.
-        at: time of a single picture [s] after the beginning of the bag; None: a film.
+        at: time of a single picture [s] after the beginning of the bag, or `END`; None: a film.
         quality: low, medium or high.
         overlay: whether time, speed and payload are written into the picture.
         gpu: whether the GPU draws.
@@ -73,7 +77,7 @@ def make_film(request: FilmRequest) -> int:
     check_output(request.output, request.size, is_picture=is_picture)
     find_browser()
     with closing(BagScene(request.bag)) as bag:
-        times = _frame_times(request, bag.timeline.duration)
+        times = frame_times(request, bag.timeline.duration)
         _show(bag, times.start)
         _check_content(request.camera, bag, times.start)
         renderer = PageRenderer(
@@ -85,20 +89,25 @@ def make_film(request: FilmRequest) -> int:
                 return _write_frames(request, times, bag, renderer, output)
 
 
-def _frame_times(request: FilmRequest, duration: float) -> FrameTimes:
+def frame_times(request: FilmRequest, duration: float) -> FrameTimes:
     """Return the times of the frames.
+
+    Args:
+        request: what to film.
+        duration: simulated time in the bag [s].
 
     Raises:
         RenderError: a time lies outside of the bag.
     """
-    start = request.start if request.at is None else request.at
+    at = duration if request.at == END else request.at
+    start = request.start if at is None else at
     end = duration if request.end is None else request.end
-    for name, value in (("start" if request.at is None else "at", start), ("end", end)):
+    for name, value in (("start" if at is None else "at", start), ("end", end)):
         if not 0.0 <= value <= duration + _TIME_TOLERANCE:
             raise RenderError(
                 f"--{name} {value:g}: {request.bag} has 0 to {duration:.2f} s of simulated time"
             )
-    if request.at is not None:
+    if at is not None:
         return FrameTimes(start, start)
     return FrameTimes(start, end, request.rate, request.speed)
 

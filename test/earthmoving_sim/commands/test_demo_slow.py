@@ -17,6 +17,7 @@ from msg_bridge.testing.ros_domain import reserve_domain
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
+ROOT = Path(__file__).parents[3]
 STATE = re.compile(r"state +([0-9a-f]{64}) after tick (\d+)")
 CYCLE = re.compile(r"^ *(\d+) +(\d+) +([\d.]+) +(\d+) +(\d+) +([\d.]+) +([\d.]+)$", re.MULTILINE)
 
@@ -61,6 +62,14 @@ def test_audit_of_the_bag_passes(demo):
 def test_nodes_and_one_process_end_in_the_same_state(demo, in_process):
     states = [STATE.search(done.stdout).groups() for done in (demo[0], in_process)]
     assert states[0] == states[1]
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/quickstart.md"])
+def test_document_states_the_simulated_time(in_process, page):
+    (run_time,) = re.findall(r"in ([\d.]+) s of simulated time", in_process.stdout)
+    stated = re.findall(r"([\d.]+) s of simulated time", (ROOT / page).read_text("utf-8"))
+    # Processors that round sums in another order give slightly other times.
+    assert [float(time) for time in stated] == pytest.approx([float(run_time)], rel=0.05)
 
 
 def test_demo_is_balanced_at_every_tick(demo):

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from earthmoving_sim.cli import main
+from earthmoving_sim.cli import build_parser, main
+from viewer.film.film import END
 
 BAG = str(Path(__file__).parents[3] / "bags" / "format_2")
 
@@ -41,6 +42,17 @@ def test_invalid_options_end_with_a_message_and_no_file(tmp_path, capsys, option
     assert film(tmp_path, *options) == 2
     assert capsys.readouterr().err.startswith("earthmoving film: ")
     assert not (tmp_path / "film.mp4").exists()
+
+
+@pytest.mark.parametrize(("text", "time"), [("5.5", 5.5), ("end", END)])
+def test_time_of_a_picture_is_a_number_or_the_end(text, time):
+    assert build_parser().parse_args(["film", BAG, "--at", text]).at == time
+
+
+def test_other_word_as_time_of_a_picture_is_rejected(capsys):
+    with pytest.raises(SystemExit):
+        main(["film", BAG, "--at", "last"])
+    assert "neither a time [s] nor `end`" in capsys.readouterr().err
 
 
 def test_picture_needs_a_time(tmp_path, capsys):

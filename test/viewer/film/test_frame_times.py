@@ -1,7 +1,10 @@
 """Times of a film's frames."""
 
+from pathlib import Path
+
 import pytest
 
+from viewer.film.film import END, FilmRequest, frame_times
 from viewer.film.frame_times import FrameTimes
 from viewer.rendering.errors import RenderError
 
@@ -19,6 +22,17 @@ def test_last_frame_is_not_after_the_end():
 
 def test_film_without_duration_has_one_frame():
     assert list(FrameTimes(4.0, 4.0)) == [4.0]
+
+
+@pytest.mark.parametrize(("at", "time"), [(2.0, 2.0), (END, 7.5)])
+def test_picture_has_one_frame_at_its_time_or_at_the_end_of_the_bag(at, time):
+    request = FilmRequest(Path("bag"), Path("picture.png"), at=at)
+    assert list(frame_times(request, 7.5)) == [time]
+
+
+def test_picture_after_the_end_of_the_bag_is_rejected():
+    with pytest.raises(RenderError, match=r"0 to 7\.50 s"):
+        frame_times(FilmRequest(Path("bag"), Path("picture.png"), at=9.0), 7.5)
 
 
 @pytest.mark.parametrize(
