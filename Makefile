@@ -91,7 +91,7 @@ endif
 	@$(PIP) install --use-pep517 -c constraints.txt -r $(VENV)/requirements.txt -r requirements-dev.txt
 	@echo "==> Installing earthmoving_sim itself, from this folder"
 	@EARTHMOVING_REQUIRE_PAGE=1 $(PIP) install --no-deps --no-build-isolation -e .
-	@echo "==> Compiling the kernels (about 40 s on two cores)"
+	@echo "==> Compiling the kernels (1 to 4 minutes on two cores)"
 	@$(BIN)/earthmoving compile
 	@touch $@
 	@echo "==> Ready: make demo, make check, or . $(BIN)/activate and earthmoving --help"

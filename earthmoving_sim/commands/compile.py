@@ -1,4 +1,4 @@
-"""Compile all kernels into the cache, so that nodes start in two seconds instead of a minute.
+"""Compile all kernels into the cache, so that nodes start in two seconds instead of minutes.
 
 Kernels are machine code for this computer's CPU. They are compiled once after an installation, by
 this command or else by the first start of a node, and again after a change of the code. They are

@@ -212,7 +212,7 @@ def _site(args: argparse.Namespace) -> HeightMap:
 def _run_in_process(config: RunConfig, site: HeightMap) -> DigOutcome:
     from earthmoving_sim.single_process_dig import SingleProcessDig
 
-    print("Setting up the site; kernels are compiled the first time ...", flush=True)
+    print("Setting up the site ...", flush=True)
     dig = SingleProcessDig(config, site)
     try:
         return dig.run(progress=True)
@@ -269,8 +269,7 @@ def _run_nodes(
 
     operators = "dig_operator" if config.truck_machine is None else "two operators"
     print(
-        f"Starting the nodes exchange_recorder, soil_sim, machine_sim and {operators}; kernels are"
-        " compiled the first time ...",
+        f"Starting the nodes exchange_recorder, soil_sim, machine_sim and {operators} ...",
         flush=True,
     )
     run_multi_process_dig(

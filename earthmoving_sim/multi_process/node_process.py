@@ -30,8 +30,8 @@ _NUM_TAIL_LINES = 12
 """Lines shown from the end of a node's output when it fails."""
 
 _ERROR = "[ERROR]"
-_WAITING = re.compile(r"waiting for [^;]*", re.IGNORECASE)
-"""What a node waits for; a hint for the user may follow after a semicolon."""
+_WAITING = re.compile(r"(waiting for|compiling kernels:) [^;]*", re.IGNORECASE)
+"""What a node waits for or compiles; a hint for the user may follow after a semicolon."""
 
 
 class NodeProcessError(EarthmovingError):
@@ -107,7 +107,7 @@ def _last_error(process: NodeProcess) -> str:
 
 
 def waiting_reasons(processes: Iterable[NodeProcess]) -> list[str]:
-    """Return what each node waits for by the last line of its output, if it waits."""
+    """Return what each node waits for or compiles by the last line of its output, if it does."""
     reasons = []
     for process in processes:
         lines = process.output.splitlines()

@@ -26,13 +26,10 @@ _PROGRESS_PERIOD = 1.0
 _STARTUP_PROGRESS_PERIOD = 5.0
 """Wall time between lines of progress before the first tick [s]."""
 
-_COMPILE_HINT_TIME = 10.0
-"""Wall time without a first tick after which the nodes probably compile [s]."""
-
 _STALL_TIMEOUT = 60.0
 """Wall time without a new tick after which the run is aborted [s]."""
 
-_STARTUP_TIMEOUT = 300.0
+_STARTUP_TIMEOUT = 600.0
 """Wall time without a first tick after which the run is aborted [s]; a first start compiles."""
 
 _DISCOVERY_TIME = 1.0
@@ -222,6 +219,5 @@ def startup_line(elapsed: float, reason: str) -> str:
         elapsed: wall time since the start [s].
         reason: what the run waits for.
     """
-    is_compiling = elapsed > _COMPILE_HINT_TIME
-    hint = "; the first start compiles, which takes up to a minute" if is_compiling else ""
+    hint = "; this is done once and takes 1 to 4 minutes" if "compiling" in reason else ""
     return f"starting, {elapsed:.0f} s: {reason}{hint}"

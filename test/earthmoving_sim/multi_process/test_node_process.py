@@ -50,6 +50,13 @@ def test_reason_of_a_wait_is_that_of_the_last_line(start: StartNode) -> None:
     process.kill()
 
 
+def test_node_that_compiles_is_reported_with_its_progress(start: StartNode) -> None:
+    line = "[INFO] [soil_sim]: compiling kernels: 3 of 90, 2 s"
+    process = start(f"import time; print('{line}', flush=True); time.sleep(60)")
+    assert waiting_reasons([process]) == ["fake is compiling kernels: 3 of 90, 2 s"]
+    process.kill()
+
+
 def test_node_that_runs_has_no_reason_to_wait(start: StartNode) -> None:
     process = start("import time; print('waiting for x\\ntick 1', flush=True); time.sleep(60)")
     assert waiting_reasons([process]) == []

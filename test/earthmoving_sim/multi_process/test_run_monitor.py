@@ -57,6 +57,7 @@ def test_line_of_progress_has_the_size_of_the_bag_on_disk(
     assert output.endswith("bag    87 MB\n")
 
 
-def test_compilation_is_mentioned_only_after_a_long_wait() -> None:
-    assert startup_line(5.0, "all nodes are running") == "starting, 5 s: all nodes are running"
-    assert "compiles" in startup_line(15.0, "waiting for the soil")
+def test_duration_of_compilation_is_stated_only_while_a_node_compiles() -> None:
+    waiting = startup_line(15.0, "soil_sim is waiting for a machine")
+    assert waiting == "starting, 15 s: soil_sim is waiting for a machine"
+    assert "minutes" in startup_line(5.0, "soil_sim is compiling kernels: 3 of 90, 2 s")
