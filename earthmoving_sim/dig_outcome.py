@@ -80,8 +80,12 @@ class DigOutcome:
 
     @property
     def production_rate(self) -> float:
-        """Bank volume carried per hour of simulation time [m^3/h]."""
-        return self.moved_volume / self.simulated_time * 3600.0
+        """Bank volume carried over the sum of the cycles' durations [m^3/h]; 0 without a cycle.
+
+        Approach, changes of station and the end of the run are not part of a cycle.
+        """
+        duration = sum(cycle.duration for cycle in self.cycles)
+        return self.moved_volume / duration * 3600.0 if duration > 0.0 else 0.0
 
     @property
     def spilled_fraction(self) -> float:

@@ -25,7 +25,7 @@ CYCLES = """
            count(*) AS cycles,
            median(duration) AS "cycle time [s]",
            sum(moved_volume) AS "moved [m3]",
-           3600 * sum(moved_volume) / sum(duration) AS "moved [m3/h]"
+           3600 * sum(moved_volume) / sum(duration) AS "moved in the cycles [m3/h]"
     FROM read_parquet('{tables}/*/*/operator/cycles.parquet', hive_partitioning = true)
     GROUP BY bag ORDER BY bag
 """

@@ -48,14 +48,14 @@ def add_machine(
 
 def _add_figures(page: Page, summary: MachineSummary) -> None:
     figures = []
-    total = summary.summary
+    total = summary.total
     if total is not None:
         figures += [
             (str(total.count), "cycles"),
             (f"{total.volume:.2f} m³", "moved, bank volume"),
             (f"{total.mean_volume:.3f} m³", "per cycle"),
             (f"{total.median_duration:.1f} s", "median cycle time"),
-            (f"{total.productivity:.0f} m³/h", "productivity"),
+            (f"{total.productivity:.0f} m³/h", "productivity in the cycles"),
         ]
     if summary.max_payload > 0.0:
         figures.append((f"{summary.max_payload:.3f} m³", "largest payload, bank volume"))
@@ -65,6 +65,11 @@ def _add_figures(page: Page, summary: MachineSummary) -> None:
         figures.append((f"{summary.distance:.1f} m", "way"))
     if figures:
         page.figures(figures)
+    if summary.reported_summary is not None:
+        page.note(
+            "Volume and durations of the cycles are those that the operator reported: it takes the"
+            " payload above the dump, and what is left after."
+        )
 
 
 def _add_cycles(page: Page, summary: MachineSummary) -> None:
@@ -90,7 +95,8 @@ def _add_cycles(page: Page, summary: MachineSummary) -> None:
         times = ", ".join(f"{part} {summary.phase_times[part]:.1f} s" for part in _PARTS)
         page.note(f"Mean times by the phases of the operator: {times}.")
     page.note(
-        "From the payload: it digs until 95 % of the cycle's largest payload, and dumps when the"
+        "From the payload, also where an operator reported its cycles, from which these differ by"
+        " some per cent: it digs until 95 % of the cycle's largest payload, and dumps when the"
         " payload falls below 90 % of what is carried, the median after the dig; it swings from"
         " 0.05 rad/s on."
     )

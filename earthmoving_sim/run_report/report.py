@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +28,7 @@ from earthmoving_sim.run_report.trace import Trace
 from msg_bridge.bag.atomic_file import BagError, write_error
 from msg_bridge.bag.reader import BagReader
 
-__all__ = ["Report", "write_report"]
+__all__ = ["Report", "signed_volume", "write_report"]
 
 _PAGE = "index.html"
 _MIN_RATE_STEPS = 30
@@ -169,7 +170,7 @@ def _add_terrain(page: Page, run: RunData, summary: RunSummary, folder: Path) ->
     rows = [
         ("cut", f"{summary.cut:.3f}"),
         ("fill", f"{summary.fill:.3f}"),
-        ("fill - cut", f"{summary.fill - summary.cut:+.3f}"),
+        ("fill - cut", signed_volume(summary.fill - summary.cut)),
     ]
     rows += [
         (f"design: {name.replace('_', ' ')}", f"{value:.3f}")
@@ -181,6 +182,12 @@ def _add_terrain(page: Page, run: RunData, summary: RunSummary, folder: Path) ->
         " than at the begin; the volumes in the picture are those between the surfaces, in which"
         " loose soil takes more room."
     )
+
+
+def signed_volume(volume: float) -> str:
+    """Return a volume [m^3] with its sign, with at least two significant digits."""
+    decimals = 3 if volume == 0.0 else max(3, 1 - math.floor(math.log10(abs(volume))))
+    return f"{volume:+.{decimals}f}"
 
 
 def _add_accounts(page: Page, run: RunData, folder: Path) -> None:

@@ -35,8 +35,8 @@ def add_overview(
         figures.append((f"{summary.simulated_time:.1f} s", "simulated time"))
     figures.append((f"{summary.wall_time:.1f} s", "recorded log time"))
     for name, machine in summary.machines.items():
-        if machine.summary is not None:
-            total = machine.summary
+        total = machine.total
+        if total is not None:
             figures.append((f"{total.volume:.2f} m³", f"moved by {name} in {total.count} cycles"))
     if summary.excavated:
         figures.append((f"{sum(summary.excavated.values()):.2f} m³", "loosened, bank volume"))

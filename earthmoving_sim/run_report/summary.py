@@ -27,7 +27,7 @@ _PHASE_GROUPS = {
 
 @dataclass(frozen=True)
 class CycleSummary:
-    """All cycles of a machine.
+    """All cycles of a machine, by its payload or as its operator reported them.
 
     Attributes:
         count: number of cycles.
@@ -63,8 +63,9 @@ class MachineSummary:
 
     Attributes:
         cycles: its cycles by payload.
-        summary: all cycles together; None without any.
+        summary: all these cycles together; None without any.
         reported: the cycles that its operator reported.
+        reported_summary: all reported cycles together; None without any.
         phase_times: mean time of each part of a cycle by the phases of the operator [s].
         max_payload: [m^3 bank].
         distance: way of the base [m].
@@ -75,11 +76,17 @@ class MachineSummary:
     cycles: list[WorkCycle] = field(default_factory=list)
     summary: CycleSummary | None = None
     reported: list[dict[str, Any]] = field(default_factory=list)
+    reported_summary: CycleSummary | None = None
     phase_times: dict[str, float] = field(default_factory=dict)
     max_payload: float = 0.0
     distance: float = 0.0
     latency: LatencySummary | None = None
     max_forces: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def total(self) -> CycleSummary | None:
+        """All cycles as the operator reported them, by payload without an operator."""
+        return self.reported_summary or self.summary
 
 
 @dataclass
@@ -158,6 +165,7 @@ def _has_content(machine: MachineData) -> bool:
 
 def _machine(data: MachineData) -> MachineSummary:
     summary = MachineSummary(reported=data.reports)
+    summary.reported_summary = _all_cycles(_reported_cycles(data.reports))
     if len(data.payload):
         payload = data.payload.values
         summary.max_payload = float(payload.max())
@@ -168,7 +176,7 @@ def _machine(data: MachineData) -> MachineSummary:
             data.swing.times if has_swing else None,
             data.swing.values if has_swing else None,
         )
-        summary.summary = _all_cycles(summary.cycles)
+        summary.summary = _all_cycles([(each.volume, each.duration) for each in summary.cycles])
     summary.phase_times = _phase_times(data)
     if len(data.path[0]) > 1:
         x, y = (trace.values for trace in data.path)
@@ -179,11 +187,21 @@ def _machine(data: MachineData) -> MachineSummary:
     return summary
 
 
-def _all_cycles(cycles: list[WorkCycle]) -> CycleSummary | None:
+def _reported_cycles(reports: list[dict[str, Any]]) -> list[tuple[float, float]]:
+    """Return volume [m^3] and duration [s] of each reported cycle; none if one lacks either."""
+    try:
+        cycles = [(float(each["moved_volume"]), float(each["duration"])) for each in reports]
+    except (KeyError, TypeError, ValueError):
+        return []
+    return cycles if np.isfinite(cycles).all() else []
+
+
+def _all_cycles(cycles: list[tuple[float, float]]) -> CycleSummary | None:
+    """Return the sums over cycles of a volume [m^3] and a duration [s]; None without any."""
     if not cycles:
         return None
-    durations = np.array([each.duration for each in cycles])
-    volume = sum(each.volume for each in cycles)
+    durations = np.array([duration for _, duration in cycles])
+    volume = sum(volume for volume, _ in cycles)
     return CycleSummary(
         len(cycles),
         volume,

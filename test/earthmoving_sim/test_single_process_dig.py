@@ -141,9 +141,14 @@ def test_site_is_not_modified(one):
     assert (one.run.site.heights == single_process_dig.jacksboro_site().heights).all()
 
 
-def test_production_rate_is_the_volume_per_hour(one):
-    outcome = replace(one.outcome, moved_volume=2.0, simulated_time=60.0)
+def test_production_rate_is_the_volume_per_hour_of_the_cycles(one):
+    cycles = [replace(one.outcome.cycles[0], duration=duration) for duration in (20.0, 40.0)]
+    outcome = replace(one.outcome, cycles=cycles, moved_volume=2.0, simulated_time=90.0)
     assert outcome.production_rate == pytest.approx(120.0)
+
+
+def test_run_without_a_finished_cycle_has_no_production(short_runs):
+    assert short_runs[0].production_rate == 0.0
 
 
 def test_summary_has_soil_balance_and_state(one, capsys):

@@ -17,6 +17,8 @@ from support.recorded_messages import Recording
 
 from earthmoving_sim.cli import main
 from earthmoving_sim.run_report import write_report
+from earthmoving_sim.run_report.report import signed_volume
+from earthmoving_sim.run_report.summary import MachineSummary
 from msg_bridge.audit.bag_audit import audit_bag
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.machine_state import PayloadState, to_payload_array
@@ -106,6 +108,49 @@ def test_malformed_messages_are_counted_and_the_rest_is_used(tmp_path: Path) -> 
     assert summary.count == 3
     assert summary.median_duration == pytest.approx(20.0, abs=0.2)
     assert "6 on /m/payload" in written.page.read_text(encoding="utf-8")
+
+
+def reported_cycles(tmp_path: Path, *reports: dict[str, Any]) -> MachineSummary:
+    """Return the summary of two cycles of 20 s and 1 m^3 by payload, reported as given."""
+    recording = Recording()
+    recording.add("/soil/tick", Int64MultiArray())
+    for number in range(420):
+        time = 0.1 * number
+        volume = max(0.0, min(1.0, (time % 20 - 5) / 4, (16 - time % 20)))
+        recording.add("/m/payload", to_payload_array(PayloadState(volume, 0.0, 0.0, volume, time)))
+    for report in reports:
+        recording.add("/m/operator/cycles", String(data=json.dumps(report)))
+    path = recording.write(tmp_path / "bag.mcap")
+    return write_report(BagReader(path), tmp_path / "report").summary.machines["/m"]
+
+
+def test_total_of_the_cycles_is_that_of_the_operator(tmp_path: Path) -> None:
+    reports = [{"moved_volume": volume, "duration": 18.0} for volume in (0.9, 1.8)]
+    machine = reported_cycles(tmp_path, *reports)
+    assert machine.total is not None
+    assert machine.total.volume == pytest.approx(2.7)
+    assert machine.total.productivity == pytest.approx(2.7 / 36.0 * 3600.0)
+    page = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
+    assert "2.70 m³" in page
+    assert "270 m³/h" in page
+
+
+@pytest.mark.parametrize("report", [{"number": 1}, {"moved_volume": np.nan, "duration": 1.0}, None])
+def test_total_of_the_cycles_is_by_payload_without_complete_reports(
+    tmp_path: Path, report: dict[str, Any] | None
+) -> None:
+    machine = reported_cycles(tmp_path, *([report] if report else []))
+    assert machine.total is not None
+    assert machine.total == machine.summary
+    assert machine.total.volume == pytest.approx(2.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [(-6.5e-5, "-0.000065"), (-0.25, "-0.250"), (1.5, "+1.500"), (0.0, "+0.000")],
+)
+def test_small_difference_of_fill_and_cut_can_be_read(change: float, text: str) -> None:
+    assert signed_volume(change) == text
 
 
 def test_conversions_that_were_sent_again_count_once(tmp_path: Path) -> None:
