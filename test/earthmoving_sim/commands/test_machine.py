@@ -1,9 +1,12 @@
 """`earthmoving machine check FILE`: valid and invalid files."""
 
+from pathlib import Path
+
 import pytest
 import yaml
 
 from earthmoving_sim import cli
+from machine_sim.machine import load_machine_spec
 from msg_bridge.config_files import find_config
 
 SHIPPED = ("excavator", "road_header", "dumper", "reference_2014")
@@ -16,6 +19,15 @@ def test_shipped_machines_stand_level_with_both_track_models(name, capsys) -> No
     assert out.startswith(f"{name}: ")
     assert out.count("stands tilted by") == 2
     assert "it tips up" not in out
+
+
+@pytest.mark.parametrize("name", ["excavator", "dumper"])
+def test_documented_capacities_are_those_of_the_tool(name) -> None:
+    page = (Path(__file__).parents[3] / "docs/machines.md").read_text("utf-8")
+    (row,) = (line for line in page.splitlines() if line.startswith(f"| `{name}.yaml`"))
+    (tool,) = load_machine_spec(find_config(f"machines/{name}.yaml")).tools.values()
+    struck, heaped = tool.shape.struck_capacity, tool.shape.heaped_capacity
+    assert f"{struck:.2f} m³ struck and {heaped:.2f} m³ heaped" in row
 
 
 def changed(tmp_path, edit):
