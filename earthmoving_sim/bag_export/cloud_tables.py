@@ -30,7 +30,6 @@ class CloudTable:
 
     Attributes:
         schema: columns of the table.
-        num_repeated: number of rows that were left out.
         num_pending: number of rows since the last `take`.
     """
 
@@ -39,7 +38,6 @@ class CloudTable:
         Args:
             first: the first message, whose layout all must have.
         """
-        self.num_repeated = 0
         self.num_pending = 0
         self._pending: list[tuple[int, int, int, NDArray[np.void]]] = []
         self._layout = _layout(first)
@@ -65,9 +63,7 @@ class CloudTable:
         if points is None:
             return False
         if self._is_numbered and points.size:
-            is_new = self._find_new(points)
-            self.num_repeated += int(points.size - is_new.sum())
-            points = points[is_new]
+            points = points[self._find_new(points)]
         stamp = int(message.header.stamp.sec) * _NANO + int(message.header.stamp.nanosec)
         self._pending.append((time, stamp, message.width, points))
         self.num_pending += points.size

@@ -270,8 +270,3 @@ class ParticleEngine(SoilEngine):
                 pairs.first, pairs.second, pairs.count, state.position, state.contact_radius
             )
         )
-
-    @property
-    def num_list_builds(self) -> int:
-        """Number of times the neighbour list was built."""
-        return self.neighbour_list.num_builds

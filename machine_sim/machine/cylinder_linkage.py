@@ -96,11 +96,6 @@ class CylinderLinkage:
                 )
 
     @cached_property
-    def extension_sign(self) -> float:
-        """+1.0 if a larger angle extends the cylinder, -1.0 if it retracts it."""
-        return math.copysign(1.0, self.lever_arm(0.5 * (self.lower + self.upper)))
-
-    @cached_property
     def min_length(self) -> float:
         """Length of the cylinder at the joint limit at which it is retracted [m]."""
         return min(self.length(self.lower), self.length(self.upper))

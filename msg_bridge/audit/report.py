@@ -100,11 +100,6 @@ class RunReport:
         return 0 if self.audited is None else self.audited[1] - self.audited[0] + 1
 
     @property
-    def completeness_findings(self) -> tuple[Finding, ...]:
-        """Faults of the recording itself: missing, miscounted or contradictory messages."""
-        return tuple(f for f in self.findings if f.check is Check.COMPLETENESS)
-
-    @property
     def unchecked(self) -> tuple[CheckResult, ...]:
         """Checks that did not cover all audited ticks."""
         return tuple(each for each in self.checks if not each.done)

@@ -82,7 +82,6 @@ class RunJournal:
         self._number = 0  # of the last record
         self._is_suspended = True  # until a run begins, and while nothing can be written
         self._next_checkpoint = math.inf
-        self._capture_time = 0.0  # of the last checkpoint [s]
 
     @property
     def number(self) -> int:

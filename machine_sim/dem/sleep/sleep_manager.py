@@ -50,11 +50,6 @@ class SleepManager:
             )
         )
 
-    @property
-    def apparent_gravity(self) -> NDArray[np.float64]:
-        """Filtered apparent gravity in each tool [m/s^2], tool axes, shape (tools, 3)."""
-        return self._gravity.in_tools.current
-
     def add_tool(self, tool: RigidTool) -> None:
         """Append a tool that has been at rest at its pose so far."""
         self._gravity.add_tool(tool)

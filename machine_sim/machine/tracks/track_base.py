@@ -54,8 +54,3 @@ class TrackBase:
     def slip(self) -> Array:
         """Slip of each track, averaged over half a second, shape (2,); see `track_slip`."""
         return track_slip(self._mean_speeds)
-
-    @property
-    def shoes_in_contact(self) -> int:
-        """Number of shoes that carry load."""
-        return int(np.count_nonzero(self.shoe_loads))

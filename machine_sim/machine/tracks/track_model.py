@@ -71,10 +71,6 @@ class Tracks(Protocol):
     def slip(self) -> Array:
         """Slip of each track, averaged over half a second, shape (2,); see `track_slip`."""
 
-    @property
-    def shoes_in_contact(self) -> int:
-        """Number of shoes that carry load."""
-
     def urdf(self) -> str:
         """Return the URDF of the machine with the parts of the tracks in its multibody."""
 

@@ -113,7 +113,6 @@ def test_rows_that_were_sent_again_are_exported_once() -> None:
         assert table.add(0, cloud(1, numbers))
     assert table.add(0, cloud(2, [1, 2]))
     assert table.take()["seq"].to_pylist() == [1, 2, 3, 7, 8, 4, 5, 6, 9, 10, 1, 2]
-    assert table.num_repeated == 5
 
 
 def test_repeated_transient_local_messages_are_exported_once(tmp_path: Path) -> None:

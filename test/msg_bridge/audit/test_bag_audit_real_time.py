@@ -237,7 +237,7 @@ def test_machine_that_rejoins_with_other_soil_is_named() -> None:
 def test_missing_header_that_was_accepted_late_is_found() -> None:
     script = until_dropped()
     del script.data.steps[1, 1][2]
-    texts = [finding.text for finding in script.audit().completeness_findings]
+    texts = [f.text for f in script.audit().findings if f.check is Check.COMPLETENESS]
     assert any(text == "machine 1's header of tick 2 is missing" for text in texts)
 
 

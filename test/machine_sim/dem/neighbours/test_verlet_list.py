@@ -96,7 +96,7 @@ def test_list_stays_complete_through_insertion_and_removal(seed: int) -> None:
         by_id = {frozenset((int(ids[i]), int(ids[j]))) for i, j in near}
         ids_after = state.particle_id.tolist()
         assert by_id <= {frozenset((ids_after[i], ids_after[j])) for i, j in listed}
-    assert world.num_list_builds < 150, "particles were inserted by rebuilding the list"
+    assert world.neighbour_list.num_builds < 150, "particles were inserted by rebuilding the list"
 
 
 def test_springs_stay_with_their_pairs_when_others_are_removed() -> None:
@@ -139,5 +139,5 @@ def test_few_fast_particles_trigger_few_rebuilds_of_the_list() -> None:
         world.add(at, speed, LITRE // 10, grow=False)
         for _ in range(40):
             world.step(STEP)
-        builds.append(world.num_list_builds)
+        builds.append(world.neighbour_list.num_builds)
     assert builds[1] <= builds[0] + 40 // 4
