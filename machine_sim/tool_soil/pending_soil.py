@@ -24,12 +24,10 @@ from numpy.typing import NDArray
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine.box import Vec3
 from machine_sim.machine.tools.shapes import CuttingShape
-from msg_bridge.contract.rows import MAX_ROW_VOLUME, ConversionKind, Rows
+from msg_bridge.contract.rows import MAX_ROW_VOLUME, Rows
 from msg_bridge.kernels import kernel
 
 __all__ = ["PendingSoil", "coarse_graining_factor"]
-
-_EXCAVATE = int(ConversionKind.EXCAVATE)
 
 _MAX_IDLE_TICKS = 5
 """Ticks without a new parcel after which a column's remainder is released."""
@@ -150,14 +148,14 @@ class PendingSoil:
         self._remainder = replace(other._remainder)
         self._rounding_error, self._rng = other._rounding_error, other._rng
 
-    def receive(self, conversions: Rows, pose: Pose, tick: int) -> None:
-        """Credit the EXCAVATE rows among CONVERSION rows of a tool at a pose in a tick."""
-        is_excavated = conversions["kind"] == _EXCAVATE
-        rows = conversions if is_excavated.all() else conversions[is_excavated]
+    def receive(self, excavated: Rows, pose: Pose, tick: int) -> None:
+        """Credit CONVERSION rows of the kind EXCAVATE of a tool at a pose in a tick."""
         # Contiguous, as one row is: a kernel is compiled for each memory layout.
-        coordinates = (np.ascontiguousarray(rows[axis]) for axis in "xyz")
+        coordinates = (np.ascontiguousarray(excavated[axis]) for axis in "xyz")
         points = _local_points(*coordinates, *pose).tolist()
-        columns = (rows[name].tolist() for name in ("row", "col", "volume_mm3", "moisture", "soil"))
+        columns = (
+            excavated[name].tolist() for name in ("row", "col", "volume_mm3", "moisture", "soil")
+        )
         for row, col, volume, moisture, soil, point in zip(*columns, points, strict=True):
             parcel = self._parcels.get((row, col))
             if parcel is None:

@@ -26,6 +26,7 @@ from msg_bridge.contract.messages import Keyframe
 from msg_bridge.contract.rows import Rows
 
 __all__ = [
+    "DISPLAY_FIELDS",
     "TERRAIN_CELL",
     "TerrainMap",
     "cells_of_terrain",
@@ -36,16 +37,21 @@ __all__ = [
     "to_terrain_cloud",
 ]
 
+DISPLAY_FIELDS = (
+    ("x", "<f4"),
+    ("y", "<f4"),
+    ("z", "<f4"),  # elevation [m]
+    ("loose_depth", "<f4"),  # depth of loose soil [m]
+    ("surface_material", "<f4"),  # 0 undisturbed, 1 excavated, 2 deposited
+    ("moisture", "<f4"),  # [% of saturation], 0 to 100
+    ("soil", "<f4"),  # id of the soil type at the surface, as in /sim/config
+    ("design_difference", "<f4"),  # elevation minus design [m], NaN without a design
+)
+"""Fields with which the points of terrain clouds begin: position and layers that viewers show."""
+
 TERRAIN_CELL = np.dtype(
     [
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),  # elevation [m]
-        ("loose_depth", "<f4"),  # depth of loose soil [m]
-        ("surface_material", "<f4"),  # 0 undisturbed, 1 excavated, 2 deposited
-        ("moisture", "<f4"),  # [% of saturation], 0 to 100
-        ("soil", "<f4"),  # id of the soil type at the surface, as in /sim/config
-        ("design_difference", "<f4"),  # elevation minus design [m], NaN without a design
+        *DISPLAY_FIELDS,
         ("volume_mm3", "<f8"),  # bank volume above the floor; exact: integers below 2**53
         ("rut_depth", "<f4"),  # by which the surface was pressed down [m]
         ("revision", "<u4"),  # the same in every cell

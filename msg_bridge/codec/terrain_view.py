@@ -12,6 +12,7 @@ from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 
 from msg_bridge.codec.cdr import rows_to_cdr
+from msg_bridge.codec.terrain import DISPLAY_FIELDS
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.rows import Rows
 
@@ -20,19 +21,7 @@ __all__ = ["MAX_VIEW_SIZE", "TERRAIN_VIEW", "view_slices", "view_to_cdr"]
 MAX_VIEW_SIZE = 257
 """Number of rows, and of columns, that a view has at most by default."""
 
-TERRAIN_VIEW = np.dtype(
-    [
-        ("x", "<f4"),
-        ("y", "<f4"),
-        ("z", "<f4"),  # elevation [m]
-        ("loose_depth", "<f4"),  # depth of loose soil [m]
-        ("surface_material", "<f4"),
-        ("moisture", "<f4"),  # [% of saturation]
-        ("soil", "<f4"),
-        ("design_difference", "<f4"),  # elevation minus design [m], NaN without a design
-        ("rut_depth", "<f4"),  # [m]
-    ]
-)
+TERRAIN_VIEW = np.dtype([*DISPLAY_FIELDS, ("rut_depth", "<f4")])  # [m]
 """A point of a view, with layers as of a map."""
 
 

@@ -57,8 +57,9 @@ def test_accepted_deposit_removes_the_particle(machine: MachineSim) -> None:
     step = step_until_deposit_request(machine)
     answer = empty_rows(CONVERSION, 2)
     answer["particle_id"] = step.deposit_requests["particle_id"][:2]
-    answer["kind"] = [ConversionKind.DEPOSIT, ConversionKind.OUTSIDE]
+    answer["kind"], answer["volume_mm3"] = [ConversionKind.DEPOSIT, ConversionKind.OUTSIDE], 500_000
     machine.apply(answer, empty_rows(MAP_UPDATE))
+    assert machine.pending_mm3 == 0, "only excavated soil becomes pending"
     assert machine.particles.ids.tolist() == [step.deposit_requests["particle_id"][2]]
 
 

@@ -139,14 +139,6 @@ def test_soil_rejected_by_the_engine_stays_pending() -> None:
     assert soil.accounted_water + carried == water_in(rows)
 
 
-def test_answers_to_deposits_are_no_parcels() -> None:
-    soil = pending()
-    rows = parcels(NOMINAL, NOMINAL)
-    rows["kind"] = [ConversionKind.DEPOSIT, ConversionKind.REJECT]
-    soil.receive(rows, POSE, 0)
-    assert soil.total_mm3 == 0
-
-
 @settings(deadline=None, max_examples=30)
 @given(st.lists(st.lists(st.integers(1, 3_000_000), max_size=6), max_size=15))
 def test_no_volume_is_lost_between_parcels_and_particles(ticks: list[list[int]]) -> None:
