@@ -6,8 +6,9 @@ up to exactly the volume of the particle. `slope_failure.runout` adds them to th
 that is deposited on a slope runs down it.
 
 Columns that a tool is in get no share: the soil would lie above the surface of the tool, and a tool
-at rest would cut it again in the next tick. If a tool is in all four columns, the nearest column
-without a tool gets the soil.
+at rest would cut it again in the next tick. If a tool is in all four columns, all soil goes to one
+column: of those with neither a tool nor a track, the one that is nearest to the column at the
++x, +y corner of the four, or that column itself if there is none near (`nearest_free_column`).
 """
 
 from __future__ import annotations

@@ -43,7 +43,9 @@ the edge of the map, nor where columns differ by noise."""
 
 
 class ColumnShares(NamedTuple):
-    """Soil to add to columns, four shares for each particle.
+    """Soil to add to columns: particles that came to rest and soil that tools have displaced.
+
+    A particle has four shares, one for each of its columns; a record of displaced soil has one.
 
     Attributes:
         cells: flat indices of the columns, shape (n,), int64; may contain duplicates.
