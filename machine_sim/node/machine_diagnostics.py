@@ -13,10 +13,10 @@ from machine_sim.simulated_machine import SimulatedMachine
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
 from msg_bridge.nodes.real_time_monitor import (
     OVERLOAD_CONDITION,
-    OVERLOAD_REMEDY,
     LoadMeter,
     OverloadMonitor,
     TickLoad,
+    overload_remedy,
 )
 
 __all__ = ["MachineDiagnostics"]
@@ -87,7 +87,7 @@ class MachineDiagnostics:
         self._measure(run)
         for key, value in {**self._values(run), **self._speed_values(run, load)}.items():
             self._diagnostics.set(key, value)
-        self._report_overload(load)
+        self._report_overload(run, load)
         self._report_reseats(run)
         self._report_contacts(run)
         pairs = zip(self._instances, run.sim.simulated_machines, strict=True)
@@ -168,7 +168,7 @@ class MachineDiagnostics:
             )
         self._diagnostics.problem("; ".join(texts), Level.WARN, condition=_CONTACT_CONDITION)
 
-    def _report_overload(self, load: TickLoad) -> None:
+    def _report_overload(self, run: MachineRun, load: TickLoad) -> None:
         """Set or clear the problem of a node that is too slow for real time."""
         level = max(self._speed.level, self._coverage.level)
         if level is Level.OK:
@@ -180,7 +180,8 @@ class MachineDiagnostics:
         if self._coverage.level is not Level.OK:
             fraction = self._coverage.fraction
             causes.append(f"the machine makes {fraction:.0%} of the ticks and skips the others")
-        text = f"too slow for real time: {' and '.join(causes)}; {OVERLOAD_REMEDY}"
+        remedy = overload_remedy(has_particles=run.sim.particles.count > 0)
+        text = f"too slow for real time: {' and '.join(causes)}; {remedy}"
         self._diagnostics.problem(text, level, condition=OVERLOAD_CONDITION)
 
 

@@ -13,11 +13,11 @@ __all__ = [
     "ERROR_FRACTION",
     "MIN_OVERLOAD_TIME",
     "OVERLOAD_CONDITION",
-    "OVERLOAD_REMEDY",
     "WARN_FRACTION",
     "LoadMeter",
     "OverloadMonitor",
     "TickLoad",
+    "overload_remedy",
 ]
 
 WARN_FRACTION = 0.95
@@ -32,11 +32,15 @@ MIN_OVERLOAD_TIME = 2.0
 OVERLOAD_CONDITION = "overload"
 """Condition, in the diagnostics of a node, of being slower than real time."""
 
-OVERLOAD_REMEDY = (
-    "use fewer particles (a larger particles.nominal_volume), fewer nodes on this computer, a"
-    " longer tick_period, or sync: lockstep"
-)
-"""What the user can change, for the report of an overload."""
+
+def overload_remedy(*, has_particles: bool) -> str:
+    """Return what the user can change, for the report of an overload.
+
+    Args:
+        has_particles: whether there are particles in the run; else fewer would not help.
+    """
+    fewer = "fewer particles (a larger particles.nominal_volume), " if has_particles else ""
+    return f"use {fewer}fewer nodes on this computer, a longer tick_period, or sync: lockstep"
 
 
 class TickLoad(NamedTuple):

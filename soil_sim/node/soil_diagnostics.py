@@ -13,10 +13,10 @@ from msg_bridge.contract.rows import Rows
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
 from msg_bridge.nodes.real_time_monitor import (
     OVERLOAD_CONDITION,
-    OVERLOAD_REMEDY,
     LoadMeter,
     OverloadMonitor,
     TickLoad,
+    overload_remedy,
 )
 from msg_bridge.nodes.sim_node import SimNode
 from soil_sim.node.params import SoilNodeParams
@@ -141,9 +141,11 @@ class SoilDiagnostics:
                 self._node.get_logger().info("the clock runs in real time again")
             self._logged_level = Level.OK
         else:
+            ledger = self._run.endpoint.exchange.ledger
+            remedy = overload_remedy(has_particles=ledger is not None and ledger.particles > 0)
             text = (
                 f"real-time factor {self._monitor.fraction:.2f}, below 1 for"
-                f" {self._monitor.low_time:.0f} s: {self._cause(load, num_late)}; {OVERLOAD_REMEDY}"
+                f" {self._monitor.low_time:.0f} s: {self._cause(load, num_late)}; {remedy}"
             )
             self._diagnostics.problem(text, level, condition=OVERLOAD_CONDITION)
             if level > self._logged_level:

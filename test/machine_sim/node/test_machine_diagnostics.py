@@ -82,6 +82,14 @@ def test_ticks_that_take_longer_than_their_period_are_reported(load: float, leve
     assert scene.seconds(1, ticks=100) is Level.OK
 
 
+@pytest.mark.parametrize("count", [0, 100])
+def test_fewer_particles_are_advised_only_if_there_are_any(count: int) -> None:
+    scene = Scene()
+    scene.run.sim.particles.count = count
+    scene.seconds(4, ticks=50, load=2.0)
+    assert ("fewer particles" in scene.problems["overload"][0]) == bool(count)
+
+
 @pytest.mark.parametrize(("skipped", "level"), [(2, Level.OK), (10, Level.WARN), (60, Level.ERROR)])
 def test_skipped_ticks_are_counted_and_reported(skipped: int, level: Level) -> None:
     scene = Scene()
