@@ -7,8 +7,8 @@ that is deposited on a slope runs down it.
 
 Columns that a tool is in get no share: the soil would lie above the surface of the tool, and a tool
 at rest would cut it again in the next tick. If a tool is in all four columns, all soil goes to one
-column: of those with neither a tool nor a track, the one that is nearest to the column at the
-+x, +y corner of the four, or that column itself if there is none near (`nearest_free_column`).
+column: of those with neither a tool nor a track, the one that is nearest to the column in which the
+particle came to rest, or that column itself if there is none near (`nearest_free_column`).
 """
 
 from __future__ import annotations
@@ -109,7 +109,8 @@ def _bilinear_shares(conversions, frame, occupied):  # type: ignore[no-untyped-d
                 weight = (u if down else 1.0 - u) * (v if across else 1.0 - v)
                 share = min(np.int64(total * (weight / free_weight)), remaining)
             elif last_free < 0 and k == 0:
-                cell = nearest_free_column(cell, occupied, frame)
+                landed_in = (i + (u >= 0.5)) * frame.cols + j + (v >= 0.5)
+                cell = nearest_free_column(landed_in, occupied, frame)
                 share = remaining
             remaining -= share
             volume[end] = share

@@ -63,9 +63,12 @@ def test_columns_that_a_tool_is_in_get_no_share() -> None:
     assert received.reshape(GRID.shape)[2, 2:] == pytest.approx([500, 501], abs=1)
 
 
-def test_particle_among_columns_with_a_tool_goes_to_the_nearest_other_column() -> None:
+@pytest.mark.parametrize(("row", "free_row"), [(1.25, 0), (2.75, 4)])
+def test_particle_among_columns_with_a_tool_goes_to_the_nearest_other_column(
+    row: float, free_row: int
+) -> None:
     occupied = NO_TOOLS.copy()
-    occupied[:4] = TOOL_INSIDE
-    shares = bilinear_shares(grid_frame(GRID), deposit_at(2.25, 1.5, 1001), occupied)
+    occupied[1:4] = TOOL_INSIDE
+    shares = bilinear_shares(grid_frame(GRID), deposit_at(row, 1.25, 1001), occupied)
     received = np.bincount(shares.cells, shares.volume_mm3, minlength=GRID.rows * GRID.cols)
-    assert received.reshape(GRID.shape)[4, 1] == 1001
+    assert received.reshape(GRID.shape)[free_row, 1] == 1001
