@@ -1,4 +1,4 @@
-"""The state of a physics client as bytes: positions and velocities of all bodies.
+"""Physics clients, and their state as bytes: positions and velocities of all bodies.
 
 pybullet writes contacts too, but does not restore all of them: bodies that touch move differently
 afterwards. So a state with contacts is rejected, such as that of any machine with dynamic tracks,
@@ -8,6 +8,7 @@ whose shoes touch its wheels.
 from __future__ import annotations
 
 import tempfile
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,9 +17,25 @@ import pybullet
 
 from machine_sim.machine.errors import MachineError
 
-__all__ = ["dump_physics", "next_client", "restore_physics"]
+__all__ = ["PhysicsClient", "dump_physics", "next_client", "restore_physics"]
 
 _MAX_CLIENTS = 64
+
+
+class PhysicsClient:
+    """A physics client without a window, which ends with the last object that refers to it.
+
+    Attributes:
+        id: its id.
+    """
+
+    def __init__(self) -> None:
+        self.id: int = pybullet.connect(pybullet.DIRECT)
+        self._disconnect = weakref.finalize(self, pybullet.disconnect, self.id)
+
+    def close(self) -> None:
+        """End the client now, and release its memory."""
+        self._disconnect()
 
 
 def dump_physics(client: int, *, allow_contacts: bool = False) -> bytes:

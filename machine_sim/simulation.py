@@ -13,9 +13,9 @@ clocks; the exchange (`msg_bridge.exchange`) transports the rows.
 from __future__ import annotations
 
 import hashlib
-import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,7 @@ from machine_sim.machine_contacts import ContactMonitor
 from machine_sim.overlap_check import check_overlaps
 from machine_sim.params import MachineSimParams
 from machine_sim.physics_engine import pybullet
+from machine_sim.physics_state import PhysicsClient
 from machine_sim.reference_cubes import CubeEngine
 from machine_sim.simulated_bin import BinSpec, SimulatedBin
 from machine_sim.simulated_machine import Placement, SimulatedMachine
@@ -119,8 +120,8 @@ class MachineSim:
         self.params = params or MachineSimParams()
         self.ground = Ground(grid, elevation, soils=soils, soil=soil, moisture=moisture)
         self.tick = 0
-        self._client: int = pybullet.connect(pybullet.DIRECT)
-        self._disconnect = weakref.finalize(self, pybullet.disconnect, self._client)
+        self._physics = PhysicsClient()
+        self._client = self._physics.id
         pybullet.setTimeStep(self.params.physics_step, physicsClientId=self._client)
         pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=self._client)
         particle_params = particle_params or ParticleParams()
@@ -177,6 +178,18 @@ class MachineSim:
         self.ground.continue_from(other.ground)
         particles.continue_from(before)
         self.tick, self._time = other.tick, other._time
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return all but the bodies, for a saved state; `take_bodies` before it is used again."""
+        return {name: each for name, each in vars(self).items() if name != "_physics"}
+
+    def take_bodies(self, made: MachineSim) -> None:
+        """Use the bodies that were made for this saved state, in a client of its id.
+
+        Args:
+            made: a simulation of the same machines; it must not be stepped any more.
+        """
+        self._physics = made._physics
 
     @property
     def _num_tool_ids(self) -> int:
@@ -341,7 +354,7 @@ class MachineSim:
     def close(self) -> None:
         """Release the memory of the physics engine at once, not when the object is collected."""
         self.particles.close()
-        self._disconnect()
+        self._physics.close()
 
     def _check_conversions(self, conversions: Rows) -> None:
         check_conversions(

@@ -52,8 +52,8 @@ class SavedMachines(NamedTuple):
         """
         machines = self.machines
         with next_client(machines.client_id):
-            # The bodies of these, in a client of the same id, are those of the saved machines now.
-            ReplayedMachines(machines.namespace, setup, facts, keyframe)
+            made = ReplayedMachines(machines.namespace, setup, facts, keyframe)
+        machines.run.sim.take_bodies(made.run.sim)
         restore_physics(machines.client_id, self.physics)
         machines.continue_with(on_state)
         return machines

@@ -181,6 +181,7 @@ def restore(
         MachineError: they hold less soil than they have deposited.
     """
     if saved.state is not None:
+        saved.state.endpoint.sim.take_bodies(state.endpoint.sim)
         state = saved.state
         restore_physics(state.client_id, state.physics)
         state.endpoint.exchange.discard_unprocessed()
