@@ -8,7 +8,10 @@ from typing import Literal
 from machine_sim.machine.tracks.track_model import TRACK_MODELS
 from msg_bridge.contract.parameters import Parameters, parameter
 
-__all__ = ["MachineSimParams"]
+__all__ = ["MAX_STEPS_PER_TICK", "MachineSimParams"]
+
+MAX_STEPS_PER_TICK = 20
+"""Maximum number of physics steps in a tick."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +22,10 @@ class MachineSimParams(Parameters):
         0.005, "time step of machines and particles", unit="s", low=0.001, high=0.01
     )
     steps_per_tick: int = parameter(
-        2, "number of physics steps in a tick of the soil", low=1, high=20
+        2,
+        "number of physics steps in a tick; of a node that of the soil's tick_period",
+        low=1,
+        high=MAX_STEPS_PER_TICK,
     )
     track_model: Literal["kinematic", "dynamic"] = parameter(
         "kinematic",

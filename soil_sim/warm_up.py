@@ -19,6 +19,7 @@ from soil_sim.columns.occupancy import TOOL_INSIDE
 from soil_sim.soil import Soil
 from soil_sim.soil_inventory import SoilInventory
 from soil_sim.soils.params import SoilParams
+from soil_sim.sweep_limits import SweepLimits
 from soil_sim.tool_sweeps import positions_of_first_tools
 
 __all__ = ["warm_up"]
@@ -39,7 +40,7 @@ def warm_up(params: SoilParams) -> None:
     grid = Grid(16, 16, 0.2)
     soil = Soil(grid, np.zeros(grid.shape), params)
     soil.state_hash()
-    inventory = SoilInventory()
+    inventory, limits = SoilInventory(), SweepLimits(1.0)
     deposit_requests = empty_rows(DEPOSIT_REQUEST, 2)
     deposit_requests["volume_mm3"] = 200_000_000  # a pile too steep to stand
     deposit_requests["particle_id"] = (0, 1)
@@ -53,6 +54,7 @@ def warm_up(params: SoilParams) -> None:
         track = cut.copy()
         track["tool"], track["action"], track["pressure"] = 1, SweepAction.COMPACT, 1e4
         positions_of_first_tools(cut)
+        limits.check(tick, cut)
         drum = cut.copy()
         drum["tool"], drum["action"], drum["work"] = 2, SweepAction.MILL, 100.0
         parked_drum = _closed_ring()

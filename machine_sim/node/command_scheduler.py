@@ -25,6 +25,7 @@ class CommandScheduler:
 
     Attributes:
         arbiter: arbiter of the machine's commands, which outlives the run.
+        last_stamp: stamp of the last stamped command [s]; None without one.
     """
 
     def __init__(
@@ -46,6 +47,7 @@ class CommandScheduler:
         self._clock = TimeoutClock()
         self._wait_period = instance.params.command_wait_period
         self._delay_ticks = 0 if facts.realtime else instance.params.command_delay
+        self.last_stamp: float | None = None
         self._last_answered_tick = -1  # newest tick that a stamped command answers
         self._resumed_tick = -1  # last tick before a restart
         self._unanswered: set[int] = set()  # of the ticks before it
@@ -77,6 +79,7 @@ class CommandScheduler:
         is_answer = tick <= max(now, 0) + max(self._wait_period, _MAX_TICKS_AHEAD)
         is_delayed = is_answer and self._delay_ticks > 0
         effect_time = (tick + self._delay_ticks) * self._facts.tick_period if is_delayed else None
+        self.last_stamp = stamp
         if deliver(effect_time) and is_answer:
             self._last_answered_tick = max(self._last_answered_tick, tick)
             self._unanswered.discard(tick)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from machine_sim.commands import AppliedCommand
 from machine_sim.dem import ParticleParams
@@ -17,7 +18,7 @@ from machine_sim.node.machine_instance import MachineInstance
 from machine_sim.node.machine_journal import MachineJournal, MachineRunState
 from machine_sim.node.params import MachineNodeParams
 from machine_sim.node.reported_motion import TickProgress
-from machine_sim.params import MachineSimParams
+from machine_sim.params import MAX_STEPS_PER_TICK, MachineSimParams
 from machine_sim.simulated_bin import BinSpec
 from machine_sim.simulation import MachineSim
 from machine_sim.tick_record import ArbiterStates
@@ -26,7 +27,19 @@ from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.exchange.machine_exchange import MachineExchange
 
-__all__ = ["MachineRun"]
+__all__ = ["AwaitedCommand", "MachineRun"]
+
+
+class AwaitedCommand(NamedTuple):
+    """A command that the next tick waits for.
+
+    Attributes:
+        stamp: its minimum stamp [s].
+        last_stamp: stamp of the last command that arrived [s]; None without one.
+    """
+
+    stamp: float
+    last_stamp: float | None
 
 
 class MachineRun:
@@ -163,13 +176,13 @@ class MachineRun:
         return run_id != self.facts.run_id or not self.endpoint.exchange.joined
 
     @property
-    def awaited_commands(self) -> dict[str, float]:
-        """Minimum stamps of the commands that have not arrived yet [s], by machine."""
-        stamps = {
-            instance.name or instance.spec.name: scheduler.awaited_stamp
+    def awaited_commands(self) -> dict[str, AwaitedCommand]:
+        """The commands that have not arrived yet, by machine."""
+        return {
+            instance.name or instance.spec.name: AwaitedCommand(stamp, scheduler.last_stamp)
             for instance, scheduler in zip(self._instances, self.schedulers, strict=True)
+            if (stamp := scheduler.awaited_stamp) is not None
         }
-        return {name: stamp for name, stamp in stamps.items() if stamp is not None}
 
     @property
     def unanswered_ticks(self) -> frozenset[int]:
@@ -258,5 +271,11 @@ def _with_steps_per_tick(stepping: MachineSimParams, facts: RunFacts) -> Machine
         raise ParameterError(
             f"the tick period of the soil is {facts.tick_period} s, not a multiple of the physics"
             f" step of {stepping.physics_step} s; change stepping.physics_step or tick_period"
+        )
+    if steps > MAX_STEPS_PER_TICK:
+        raise ParameterError(
+            f"the tick period of the soil is {facts.tick_period} s, {steps} physics steps of"
+            f" {stepping.physics_step} s, and at most {MAX_STEPS_PER_TICK} are possible; increase"
+            " stepping.physics_step or reduce tick_period"
         )
     return replace(stepping, steps_per_tick=steps)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from std_msgs.msg import Bool
 
-from machine_sim.node.machine_run import MachineRun
+from machine_sim.node.machine_run import AwaitedCommand, MachineRun
 from machine_sim.node.run_membership import RunMembership
 from msg_bridge.contract import topics
 from msg_bridge.contract.topics import parent_namespace, resolve
@@ -91,11 +91,19 @@ def find_machine_waits(
     elif run.endpoint.is_ready:
         if not run.can_step:
             commands = ", ".join(
-                f"a command for {name} with a stamp of {stamp:.6g} s or later"
-                for name, stamp in run.awaited_commands.items()
+                f"a command for {name} with a stamp of {awaited.stamp:.6g} s or later"
+                f"{_last_stamp(awaited)}"
+                for name, awaited in run.awaited_commands.items()
             )
             yield Wait(f"{commands}; command_wait_period is set, start the controller", run.tick)
     elif not soil.paused:
         yield Wait(
             "the soil's answer to a tick; see what the soil waits for in /diagnostics", run.tick
         )
+
+
+def _last_stamp(awaited: AwaitedCommand) -> str:
+    """Return the part of a wait that states the stamp of the last command, if there is one."""
+    if awaited.last_stamp is None:
+        return ""
+    return f" (the last one had {awaited.last_stamp:.6f} s: stamp each with the time of its state)"

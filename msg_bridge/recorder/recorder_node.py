@@ -25,7 +25,7 @@ from msg_bridge.codec.stamps import clock_time_ns
 from msg_bridge.contract import topics
 from msg_bridge.nodes.diagnostics import Diagnostics
 from msg_bridge.nodes.process_main import run_background_node
-from msg_bridge.nodes.ros_parameters import declare_parameters
+from msg_bridge.nodes.ros_parameters import declare_parameters, reject_unknown_overrides
 from msg_bridge.nodes.wait_log import Wait, WaitLog
 from msg_bridge.raw_topics.graph_topics import GraphTopics
 from msg_bridge.raw_topics.grid_map_from_terrain import GRID_MAP_QOS, GridMapFromTerrain
@@ -78,6 +78,7 @@ class RecorderNode(Node):
         """
         super().__init__("exchange_recorder", **kwargs)
         params = self._params = declare_parameters(self, RecorderParams)
+        reject_unknown_overrides(self)  # before there is a bag
         writer = BagWriter(
             params.folder, compression=params.compression, chunk_size=params.chunk_size
         )

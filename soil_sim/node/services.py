@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,11 +94,13 @@ class SoilServices:
         return response
 
     def _save(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        run, path = self._node.run, self._node.params.save_path
+        run, path = self._node.run, Path(self._node.params.save_path).absolute()
         columns = run.endpoint.soil.columns
         # Layers of the surface, as in the map; only this format has room for them.
-        has_layers = Path(path).suffix.lower() == ".npz"
+        has_layers = path.suffix.lower() == ".npz"
         layers = Layers(columns.top_soil, columns.top_moisture) if has_layers else None
+        with suppress(OSError):  # save_terrain reports a folder that is missing
+            path.parent.mkdir(exist_ok=True)
         try:
             height_map = HeightMap(columns.grid, columns.height, self._node.site.georeference)
             save_terrain(path, height_map, layers=layers)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from msg_bridge.config_files import find_config
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.parameters import Parameters, parameter
 from soil_sim.soils.soil_types import SoilType, load_soil_types
@@ -108,6 +109,7 @@ class SoilParams(Parameters):
             ConfigError, SoilError: the file is missing or is not a file of soils.
         """
         if not self.is_named:
+            find_config(self.soils)  # a wrong name is an error although no soil of it is used
             return (_cohesionless_soil(self.repose_angle, self.swell),)
         known = load_soil_types(self.soils)
         for name in filter(None, (self.soil, *self.additional_soils)):

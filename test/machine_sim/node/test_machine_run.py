@@ -119,6 +119,10 @@ def test_tick_period_that_is_no_multiple_of_the_step_is_rejected(make: MakeRun) 
         make(tick=0.012)
     with pytest.raises(ParameterError, match="physics_step"):
         make(tick=0.001)
+    with pytest.raises(
+        ParameterError, match="40 physics steps"
+    ):
+        make(tick=0.2)
 
 
 def test_position_off_the_map_is_rejected(make: MakeRun) -> None:

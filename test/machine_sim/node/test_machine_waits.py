@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from support.node_scenes import Scene
+from sensor_msgs.msg import JointState
+from support.machine_scenes import COMMAND_NAMES
+from support.node_scenes import TICK, Scene, joint_command
 
 from machine_sim.node.machine_node import MachineNode
 from msg_bridge.testing.ros_context import Ros
@@ -59,6 +62,9 @@ def test_machine_reports_the_command_it_waits_for(ros: Ros) -> None:
     machine = scene.machine(command_wait_period=2)
     until_waiting(scene, machine, "a command for excavator with a stamp of 0 s or later")
     ros.spin_until(lambda: "tick of /excavator" in scene.shown(scene.soil)["waiting_for"])
+    commands = ros.publisher("/excavator/joint_commands", JointState)
+    commands.publish(joint_command(10**6, np.zeros(len(COMMAND_NAMES))))  # of another clock
+    until_waiting(scene, machine, f"the last one had {10**6 * TICK:.6f} s: stamp each with")
 
 
 def test_machine_and_soil_report_a_machine_that_has_not_joined(ros: Ros) -> None:

@@ -52,6 +52,12 @@ def test_killed_process_leaves_all_messages_of_its_last_status(ros, ros_process,
     assert not (tmp_path / "dig/metadata.yaml").exists()
 
 
+def test_unknown_parameter_creates_no_bag(ros_process, tmp_path):
+    process = ros_process(RECORDER, parameters={"path": str(tmp_path / "dig"), "output": "x"})
+    process.wait(expect=2)
+    assert not (tmp_path / "dig").exists()
+
+
 def test_process_has_the_niceness_of_its_parameter(ros, ros_process, tmp_path):
     process = ros_process(RECORDER, parameters={"path": str(tmp_path / "dig"), "niceness": 3})
     status = ros.collect("/recorder/status", String, qos.TRANSIENT_LOCAL)

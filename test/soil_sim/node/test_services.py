@@ -153,7 +153,7 @@ def test_verify_detects_a_modified_column(ros: Ros) -> None:
 
 
 def test_save_writes_the_current_terrain(ros: Ros, tmp_path: Path) -> None:
-    path = tmp_path / "ground.npz"
+    path = tmp_path / "new folder" / "ground.npz"
     scene = excavating_scene(ros, tmp_path, save_path=str(path))
     scene.pause()
     response = scene.trigger("/soil/save")

@@ -15,6 +15,7 @@ from support.soil_scenes import (
     reference_soil,
 )
 
+from msg_bridge.config_files import ConfigError
 from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.grid import Grid
@@ -103,6 +104,11 @@ def test_invalid_file_of_soils_is_rejected(tmp_path: Path, text: str, message: s
     path.write_text(text)
     with pytest.raises((SoilError, ParameterError), match=message):
         load_soil_types(str(path))
+
+
+def test_missing_file_of_soils_is_an_error_though_no_soil_is_named() -> None:
+    with pytest.raises(ConfigError, match="missing.yaml"):
+        SoilParams(soils="missing.yaml").soil_types()
 
 
 def test_name_and_properties_of_a_soil_are_exclusive() -> None:
