@@ -119,9 +119,7 @@ def test_tick_period_that_is_no_multiple_of_the_step_is_rejected(make: MakeRun) 
         make(tick=0.012)
     with pytest.raises(ParameterError, match="physics_step"):
         make(tick=0.001)
-    with pytest.raises(
-        ParameterError, match="40 physics steps"
-    ):
+    with pytest.raises(ParameterError, match="40 physics steps"):
         make(tick=0.2)
 
 

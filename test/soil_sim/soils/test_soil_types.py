@@ -107,7 +107,7 @@ def test_invalid_file_of_soils_is_rejected(tmp_path: Path, text: str, message: s
 
 
 def test_missing_file_of_soils_is_an_error_though_no_soil_is_named() -> None:
-    with pytest.raises(ConfigError, match="missing.yaml"):
+    with pytest.raises(ConfigError, match=r"missing\.yaml"):
         SoilParams(soils="missing.yaml").soil_types()
 
 
