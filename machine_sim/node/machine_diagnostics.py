@@ -27,6 +27,12 @@ _TRACK_CONDITION = "tracks"
 _CONTACT_CONDITION = "contacts"
 """Condition of machines that touch each other."""
 
+_PENDING_CONDITION = "pending soil"
+"""Condition of soil that becomes particles too slowly."""
+
+_MAX_RELEASE_TIME = 1.0
+"""Time in which all pending soil can become particles, beyond which it is reported [s]."""
+
 _TRACK_WARN_TIME = 10.0
 """Time for which a track that has come off is reported [s]."""
 
@@ -90,6 +96,7 @@ class MachineDiagnostics:
         self._report_overload(run, load)
         self._report_reseats(run)
         self._report_contacts(run)
+        self._report_pending_soil(run)
         pairs = zip(self._instances, run.sim.simulated_machines, strict=True)
         overturned = [
             instance.name or "the machine"
@@ -102,6 +109,21 @@ class MachineDiagnostics:
             )
         elif run.endpoint.exchange.joined:
             self._diagnostics.clear()
+
+    def _report_pending_soil(self, run: MachineRun) -> None:
+        """Report soil that becomes particles too slowly: until then it has no weight in a tool."""
+        sim = run.sim
+        per_tick = sim.params.max_releases_per_tick * sim.particles.params.nominal_volume
+        per_second = per_tick / run.facts.tick_period
+        if sim.pending_mm3 <= per_second * _MAX_RELEASE_TIME:
+            self._diagnostics.clear(_PENDING_CONDITION)
+            return
+        self._diagnostics.problem(
+            f"{1e-9 * sim.pending_mm3:.3f} m3 of excavated soil wait to become particles, of which"
+            f" {1e-9 * per_second:.2g} m3 a second are made at most; until then they are no payload:"
+            " increase particles.nominal_volume or stepping.max_releases_per_tick",
+            condition=_PENDING_CONDITION,
+        )
 
     def _values(self, run: MachineRun) -> dict[str, Any]:
         """Return the diagnostics of node and machines by key."""

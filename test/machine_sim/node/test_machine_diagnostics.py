@@ -23,13 +23,19 @@ class Scene:
     def __init__(self, *, realtime: bool = True) -> None:
         self.now, self.values, self.problems = 100.0, {}, {}
         self.contacts: list[MachineContact] = []
-        particles = SimpleNamespace(count=0, num_plate_tunnellings=0, num_ground_tunnellings=0)
+        particles = SimpleNamespace(
+            count=0,
+            num_plate_tunnellings=0,
+            num_ground_tunnellings=0,
+            params=SimpleNamespace(nominal_volume=1000),
+        )
         exchange = SimpleNamespace(join_state=JoinState.READY, joined=True)
         self.run: Any = SimpleNamespace(
             facts=SimpleNamespace(realtime=realtime, tick_period=TICK),
             progress=TickProgress(0, 0),
             tick=0,
             sim=SimpleNamespace(
+                params=SimpleNamespace(max_releases_per_tick=60),
                 particles=particles,
                 pending_mm3=0,
                 simulated_machines=[],
@@ -125,3 +131,16 @@ def test_machines_that_touch_are_reported_with_their_force() -> None:
     scene.contacts = []
     scene.update()
     assert "contacts" not in scene.problems
+
+
+@pytest.mark.parametrize(("pending", "is_reported"), [(6_000_000, False), (6_100_000, True)])
+def test_soil_that_becomes_particles_too_slowly_is_reported(
+    pending: int, is_reported: bool
+) -> None:
+    """Of 60 particles of 1000 mm^3 in each of 100 ticks, 6,000,000 mm^3 a second."""
+    scene = Scene()
+    scene.run.sim.pending_mm3 = pending
+    scene.seconds(1, ticks=100)
+    reports = [text for text, _ in scene.problems.values()]
+    expected = "0.006 m3 of excavated soil wait to become particles, of which 0.006 m3 a second"
+    assert any(text.startswith(expected) for text in reports) == is_reported
