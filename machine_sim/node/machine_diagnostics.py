@@ -120,7 +120,7 @@ class MachineDiagnostics:
             return
         self._diagnostics.problem(
             f"{1e-9 * sim.pending_mm3:.3f} m3 of excavated soil wait to become particles, of which"
-            f" {1e-9 * per_second:.2g} m3 a second are made at most; until then they are no payload:"
+            f" {1e-9 * per_second:.2g} m3 a second are made at most, and are no payload until then:"
             " increase particles.nominal_volume or stepping.max_releases_per_tick",
             condition=_PENDING_CONDITION,
         )
