@@ -73,7 +73,8 @@ _COMMANDS = (
 _MACHINE_STATE = (
     Endpoint(
         topics.APPLIED_COMMANDS, _JOINTS, _MACHINE, (MACHINE,), _PAGES, "ROWS", "every tick",
-        "command that took effect in the tick: velocities of joints [rad/s] and tracks [m/s]",
+        "command that took effect in the tick: velocities of joints [rad/s] and tracks [m/s], as"
+        " commanded: the machine limits them",
     ),
     Endpoint(
         topics.JOINT_STATES, _JOINTS, _MACHINE, (MACHINE,), (OPERATOR, *_PAGES), "STATE",
