@@ -14,7 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 argparse.ArgumentParser(description=__doc__.split("\n")[0]).parse_args()
-rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # its own end in an error at times
+rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # with its own, spin may raise RCLError
 signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
 node = rclpy.create_node("my_controller")
 commands = node.create_publisher(JointState, "/excavator/joint_commands", 10)
