@@ -152,6 +152,8 @@ def _run(make_node: Callable[[], Node], stopped: _StopFlag, program: str) -> int
             _stop(node, executor)
         return int(getattr(node, "exit_code", 0))
     except EarthmovingError as error:
+        if isinstance(error.__context__, EarthmovingError):  # `stop()` failed after an error
+            _bad_input(name, error.__context__)
         return _bad_input(name, error)
     finally:
         executor.shutdown()

@@ -56,7 +56,7 @@ class Digger(Node):
             print("subscribed")
         elif act == "finish":
             self.finished, self.exit_code = True, 3
-        elif act == "reject":
+        elif act.startswith("reject"):
             raise EarthmovingError("the ground\nis frozen; wait for summer")
         elif act == "break":
             raise ZeroDivisionError("a bug")
@@ -78,6 +78,8 @@ class Digger(Node):
         if error := sys.exc_info()[0]:
             print("stopped by", error.__name__)
         self.stopping = self.params.act in ("wait", "never stops")
+        if self.params.act == "reject twice":
+            raise EarthmovingError("the shovel is stuck")
 
 
 def interrupt_handler(frame: FrameType | None, event: str, arg: object) -> None:
@@ -172,6 +174,17 @@ def test_exception_in_a_callback_propagates_after_stop(
         run_here("-p", "act:=break")
     assert "stopped once\nstopped by ZeroDivisionError\n" in capsys.readouterr().out
     assert not rclpy.ok()
+
+
+def test_error_of_stop_does_not_hide_the_one_before(
+    ros_domain: int, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run_here("-p", "act:=reject twice") == 2
+    errors = [line for line in capfd.readouterr().err.splitlines() if line.startswith("digger: ")]
+    assert errors == [
+        "digger: the ground is frozen; wait for summer",
+        "digger: the shovel is stuck",
+    ]
 
 
 def test_stop_can_see_the_error_that_ends_the_node(
