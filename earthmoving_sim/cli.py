@@ -11,6 +11,7 @@ from importlib import metadata
 from typing import Protocol, cast
 
 from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.processes.broken_pipe import end_on_broken_pipe
 
 __all__ = ["SUBCOMMANDS", "build_parser", "main"]
 
@@ -52,7 +53,8 @@ examples:
   earthmoving film BAG             make a film of a recording
   earthmoving figures              make pictures after the figures of the reference of 2014
 
-exit codes: 0 success, 1 the command's finding (see its --help), 2 invalid input, 130 interrupted
+exit codes: 0 success, 1 the command's finding (see its --help) or its output is no longer read,
+2 invalid input, 130 interrupted
 """
 
 
@@ -90,6 +92,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     if threading.current_thread() is threading.main_thread():
         # SIGTERM ends a command as Ctrl-C does: the processes that it started are stopped.
         signal.signal(signal.SIGTERM, signal.default_int_handler)
+    return end_on_broken_pipe(lambda: _run_subcommand(argv))
+
+
+def _run_subcommand(argv: Sequence[str] | None) -> int:
     args = build_parser().parse_args(argv)
     try:
         return int(args.run(args))

@@ -22,6 +22,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from types import FrameType
 
 import rclpy
@@ -36,6 +37,7 @@ from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.dds_profile import use_shipped_profile
 from msg_bridge.nodes.node_usage import NodeUsage
 from msg_bridge.nodes.ros_parameters import reject_unknown_overrides
+from msg_bridge.processes.broken_pipe import end_on_broken_pipe
 
 __all__ = ["EXIT_BAD_INPUT", "run_background_node", "run_node"]
 
@@ -77,8 +79,7 @@ def run_node(
     """
     extra = _non_ros_arguments(sys.argv if args is None else args)
     if usage is not None and {"-h", "--help"} & set(extra):
-        print(usage.text(name), flush=True)
-        return 0
+        return end_on_broken_pipe(partial(_print_usage, usage, name))
     if extra:
         return _bad_input(
             name,
@@ -126,6 +127,11 @@ def run_background_node(
         return node
 
     return run_node(make_nice_node, args, name=name, usage=usage)
+
+
+def _print_usage(usage: NodeUsage, name: str) -> int:
+    print(usage.text(name))
+    return 0
 
 
 def _run(make_node: Callable[[], Node], stopped: _StopFlag, program: str) -> int:
