@@ -7,6 +7,7 @@ import pytest
 
 from machine_sim.commands import CommandArbiter, CommandError, CommandParams
 from machine_sim.commands.position_control import POSITION_TOLERANCE
+from machine_sim.commands.validation import format_value
 
 HOME = (0.0, -0.7, 1.85, 1.9)
 NAN, INF = float("nan"), float("inf")
@@ -130,6 +131,21 @@ def test_error_of_a_long_command_is_short(make_arbiter):
     with pytest.raises(CommandError) as caught:
         make_arbiter().receive_front(np.full(100_000, np.nan), 0.0)
     assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        (array.array("d", [0.1, NAN, -INF]), "[0.1, nan, -inf]"),
+        (array.array("f", [0.1, NAN]), "[0.1, nan]"),
+        (array.array("i", [0, 1]), "[0, 1]"),
+        (array.array("d", [0.5] * 10), "[0.5, 0.5, 0.5, 0.5, 0.5, 0.5, ...]"),
+        (array.array("d"), "[]"),
+        (np.array([0.1, NAN]), "[0.1, nan]"),
+    ],
+)
+def test_error_has_the_numbers_of_an_array_as_a_list(values, text):
+    assert format_value(values) == text
 
 
 STAMPED = {

@@ -89,7 +89,7 @@ def test_machine_follows_a_velocity_command(ros: Ros) -> None:
 
 INVALID_COMMANDS = [
     ("front_velocity_controller/commands", floats(0.1, 0.2, 0.3), "3 values"),
-    ("front_velocity_controller/commands", floats(0.1, math.nan, 0.0, 0.0), "finite"),
+    ("front_velocity_controller/commands", floats(0.1, math.nan, 0.0, 0.0), "[0.1, nan, 0.0, 0.0]"),
     ("front_velocity_controller/commands", floats(0.1, math.inf, 0.0, 0.0), "finite"),
     ("front_velocity_controller/commands", floats(0.1, 1e6, 0.0, 0.0), "check the units"),
     ("track_velocity_controller/commands", floats(), "0 values"),
@@ -103,7 +103,7 @@ INVALID_COMMANDS = [
     ("cmd_vel", twist(math.nan, 0.0), "linear.x"),
     ("cmd_vel", twist(0.1, 1e4), "check the units"),
     ("joy", Joy(axes=[0.0] * 2), "axes"),
-    ("joy", Joy(axes=[0.0, math.nan, 0.0, 0.0, 0.0, 0.0]), "finite"),
+    ("joy", Joy(axes=[0.1, math.nan, 0.0, 0.0, 0.0, 0.0]), "[0.1, nan, 0.0"),
 ]
 
 
