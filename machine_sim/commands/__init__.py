@@ -4,6 +4,7 @@
 - `parser`: validation of each command as a whole, and its setpoints
 - `joystick`: levers and pedals of an ISO or SAE cab from a gamepad
 - `arbiter`: the newest command of each actuator, its timeout, and the emergency stop
+- `conflict_detector`: several publishers that command the same actuators
 - `position_control`: the velocity that moves a joint to an angle
 - `params`, `errors`, `validation`: parameters, the error of a rejected command, checks of numbers
 

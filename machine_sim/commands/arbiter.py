@@ -1,7 +1,8 @@
 """Command arbitration: the newest valid command of each actuator, until it times out.
 
 - The newest command that names a joint or a track applies to it, from any source. Two sources
-  that both keep publishing alternate; `AppliedCommand` gives the source of each value.
+  that both keep publishing alternate; `AppliedCommand` gives the source of each value, and
+  `conflict_detector` detects it.
 - A command that is not renewed within `command_timeout` becomes zero, and zero means hold.
 - The emergency stop overrides all commands. Commands that arrive while it is active are checked and
   then dropped, and those in force before are cleared: after the release only a new command moves
@@ -100,7 +101,8 @@ class CommandArbiter:
     caller's choice. Stamps and `sim_now` are simulation time [s]; `sim_now` is `now` by default.
     They are checked only if `check_stamps` is set.
 
-    An invalid command raises `CommandError` and changes nothing.
+    An invalid command raises `CommandError` and changes nothing. A method that receives a command
+    returns its setpoints: none while the emergency stop is active, or for a joystick at rest.
     """
 
     def __init__(self, spec: MachineSpec, params: CommandParams | None = None) -> None:
@@ -140,13 +142,13 @@ class CommandArbiter:
         self._active, self._delayed = dict(state.active), state.delayed
         self._joystick.restore(state.joystick)
 
-    def receive_front(self, values: ArrayLike, now: float) -> None:
+    def receive_front(self, values: ArrayLike, now: float) -> Setpoints:
         """Receive velocities of all joints in their order [rad/s], shape (joints,)."""
-        self._accept(self._parser.parse_front(values), "front", validate_time(now))
+        return self._accept(self._parser.parse_front(values), "front", validate_time(now))
 
-    def receive_tracks(self, values: ArrayLike, now: float) -> None:
+    def receive_tracks(self, values: ArrayLike, now: float) -> Setpoints:
         """Receive track velocities left, right [m/s], shape (2,)."""
-        self._accept(self._parser.parse_tracks(values), "tracks", validate_time(now))
+        return self._accept(self._parser.parse_tracks(values), "tracks", validate_time(now))
 
     def receive_joints(
         self,
@@ -158,7 +160,7 @@ class CommandArbiter:
         stamp: float | None = None,
         sim_now: float | None = None,
         effect_time: float | None = None,
-    ) -> None:
+    ) -> Setpoints:
         """Receive velocities or angles of some joints and tracks.
 
         Args:
@@ -173,7 +175,7 @@ class CommandArbiter:
         """
         arrival = self._check_arrival(now, stamp, sim_now)
         setpoints = self._parser.parse_joints(names, velocity, position)
-        self._accept(setpoints, "joints", arrival, effect_time)
+        return self._accept(setpoints, "joints", arrival, effect_time)
 
     def receive_twist(
         self,
@@ -184,10 +186,12 @@ class CommandArbiter:
         stamp: float | None = None,
         sim_now: float | None = None,
         effect_time: float | None = None,
-    ) -> None:
+    ) -> Setpoints:
         """Receive forward [m/s] and yaw velocity [rad/s, + to the left] of the machine."""
         arrival = self._check_arrival(now, stamp, sim_now)
-        self._accept(self._parser.parse_twist(linear, angular), "twist", arrival, effect_time)
+        return self._accept(
+            self._parser.parse_twist(linear, angular), "twist", arrival, effect_time
+        )
 
     def receive_joy(
         self,
@@ -197,12 +201,14 @@ class CommandArbiter:
         *,
         stamp: float | None = None,
         sim_now: float | None = None,
-    ) -> None:
+    ) -> Setpoints:
         """Receive axes (-1 to 1, + left and forward) and buttons of a joystick; see `joystick`."""
         arrival = self._check_arrival(now, stamp, sim_now)
         reading = self._joystick.read(axes, buttons)
         commands = self._joystick.select_commands(reading, stopped=self._is_stopped)
-        self._accept({i: Setpoint(velocity) for i, velocity in commands.items()}, "joy", arrival)
+        return self._accept(
+            {i: Setpoint(velocity) for i, velocity in commands.items()}, "joy", arrival
+        )
 
     def emergency_stop(self, active: bool) -> None:
         """Activate the emergency stop, or release it; it keeps its state until the next call."""
@@ -264,15 +270,16 @@ class CommandArbiter:
         source: CommandSource,
         arrival: float,
         effect_time: float | None = None,
-    ) -> None:
-        """Put setpoints in force now or later, unless the emergency stop is active."""
+    ) -> Setpoints:
+        """Put setpoints in force now or later, and return them; none if the stop is active."""
         if self._is_stopped:
-            return
+            return {}
         if effect_time is not None and effect_time > arrival + _TIME_TOLERANCE:
             self._delayed = (*self._delayed, _DelayedCommand(effect_time, setpoints, source))
-            return
+            return setpoints
         commands = {i: _ActiveCommand(each, source, arrival) for i, each in setpoints.items()}
         self._active = {**self._active, **commands}
+        return setpoints
 
     def _put_due_in_force(self, time: float) -> None:
         """Put the delayed commands that are due in force, in the order of their times."""

@@ -26,7 +26,8 @@ Modules:
 - `machine_run`: the machines in one run of the soil: when they step and what is due
 - `run_membership`: joining, rejoining, and requests for missing messages
 - `machine_transport`: the exchange with the soil over topics
-- `command_subscriptions`, `command_scheduler`: commands
+- `command_subscriptions`, `command_scheduler`: commands; `command_conflicts`: several publishers
+  that command the same machine
 - `node_publishers`: all publications of the node, each at its rate; `machine_publishers`: those of
   one machine; `state_publishers` and `sensor_publishers`: its topics, created by
   `publisher_factory`; `shared_publishers`: those of the node

@@ -12,6 +12,7 @@ from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Float64MultiArray
 
+from machine_sim.commands.parser import Setpoints
 from msg_bridge.codec import qos
 from msg_bridge.codec.stamps import seconds_from_stamp
 from msg_bridge.contract import topics
@@ -22,10 +23,13 @@ __all__ = ["CommandClock", "CommandReceiver", "CommandSubscriptions"]
 
 
 class CommandReceiver(Protocol):
-    """Receives commands; each method raises an EarthmovingError for an invalid one."""
+    """Receives commands, and returns their setpoints.
 
-    def receive_front(self, values: Any, now: float) -> None: ...
-    def receive_tracks(self, values: Any, now: float) -> None: ...
+    Each method raises an EarthmovingError for an invalid command.
+    """
+
+    def receive_front(self, values: Any, now: float) -> Setpoints: ...
+    def receive_tracks(self, values: Any, now: float) -> Setpoints: ...
     def receive_joints(
         self,
         names: Any,
@@ -36,7 +40,7 @@ class CommandReceiver(Protocol):
         stamp: Any,
         sim_now: Any,
         effect_time: float | None,
-    ) -> None: ...
+    ) -> Setpoints: ...
     def receive_twist(
         self,
         linear: float,
@@ -46,10 +50,10 @@ class CommandReceiver(Protocol):
         stamp: Any,
         sim_now: Any,
         effect_time: float | None,
-    ) -> None: ...
+    ) -> Setpoints: ...
     def receive_joy(
         self, axes: Any, buttons: Any, now: float, *, stamp: Any, sim_now: Any
-    ) -> None: ...
+    ) -> Setpoints: ...
 
 
 class CommandClock(Protocol):
@@ -73,6 +77,7 @@ class CommandSubscriptions:
         topic_prefix: str = "",
         *,
         record: Callable[[], None] = lambda: None,
+        observe: Callable[[str, int | None, Setpoints], None] = lambda *_: None,
     ) -> None:
         """
         Args:
@@ -82,13 +87,16 @@ class CommandSubscriptions:
             reject: called with topic and reason of a rejected command.
             topic_prefix: prefix of each topic: empty, or a machine's name and a slash.
             record: called after a command that takes effect later was received.
+            observe: called with each valid command: its topic, its number among the messages of its
+                publisher, None if unknown, and its setpoints.
         """
         self._receiver, self._clock = receiver, clock
-        self._reject, self._record = reject, record
+        self._reject, self._record, self._observe = reject, record, observe
 
-        def subscribe(kind: Any, name: str, take: Callable[..., None]) -> None:
+        def subscribe(kind: Any, name: str, take: Callable[..., Setpoints]) -> None:
             topic = topic_prefix + name
-            poller.subscribe(kind, topic, qos.COMMANDS, partial(self._on_message, topic, take))
+            take_message = partial(self._on_message, topic, take)
+            poller.subscribe(kind, topic, qos.COMMANDS, take_message, with_info=True)
 
         subscribe(Float64MultiArray, topics.FRONT_VELOCITY_COMMANDS, self._front)
         subscribe(Float64MultiArray, topics.TRACK_VELOCITY_COMMANDS, self._tracks)
@@ -96,49 +104,50 @@ class CommandSubscriptions:
         subscribe(TwistStamped, topics.CMD_VEL, self._twist)
         subscribe(Joy, topics.JOY, self._joy)
 
-    def _on_message(self, topic: str, take: Callable[..., None], msg: Any) -> None:
+    def _on_message(self, topic: str, take: Callable[..., Setpoints], msg: Any, info: Any) -> None:
         """Schedule a stamped command, and deliver any other one at once."""
         clock = self._clock()
         if clock is None:
             self._reject(topic, "the machine is in no run yet; command it once it has joined")
             return
+        number = info["publication_sequence_number"]
         if isinstance(msg, (JointState, TwistStamped)):
-            deliver = partial(self._deliver_stamped, topic, take, msg, clock)
+            deliver = partial(self._deliver_stamped, topic, number, partial(take, msg, clock))
             clock.receive(seconds_from_stamp(msg.header.stamp), deliver)
         else:
-            self._deliver(topic, partial(take, msg, clock))
+            self._deliver(topic, number, partial(take, msg, clock))
 
     def _deliver_stamped(
         self,
         topic: str,
-        take: Callable[..., None],
-        msg: Any,
-        clock: CommandClock,
+        number: int | None,
+        take: Callable[[float | None], Setpoints],
         effect_time: float | None,
     ) -> bool:
         """Deliver a command that takes effect at a simulation time [s], None: now."""
-        is_valid = self._deliver(topic, partial(take, msg, clock, effect_time))
+        is_valid = self._deliver(topic, number, partial(take, effect_time))
         if is_valid and effect_time is not None:
             self._record()
         return is_valid
 
-    def _deliver(self, topic: str, take: Callable[[], None]) -> bool:
+    def _deliver(self, topic: str, number: int | None, take: Callable[[], Setpoints]) -> bool:
         """Pass a command to the receiver, and return whether it was valid."""
         try:
-            take()
+            setpoints = take()
         except EarthmovingError as error:
             self._reject(topic, str(error))
             return False
+        self._observe(topic, number, setpoints)
         return True
 
-    def _front(self, msg: Float64MultiArray, clock: CommandClock) -> None:
-        self._receiver.receive_front(msg.data, _now(clock))
+    def _front(self, msg: Float64MultiArray, clock: CommandClock) -> Setpoints:
+        return self._receiver.receive_front(msg.data, _now(clock))
 
-    def _tracks(self, msg: Float64MultiArray, clock: CommandClock) -> None:
-        self._receiver.receive_tracks(msg.data, _now(clock))
+    def _tracks(self, msg: Float64MultiArray, clock: CommandClock) -> Setpoints:
+        return self._receiver.receive_tracks(msg.data, _now(clock))
 
-    def _joints(self, msg: JointState, clock: CommandClock, effect_time: float | None) -> None:
-        self._receiver.receive_joints(
+    def _joints(self, msg: JointState, clock: CommandClock, effect_time: float | None) -> Setpoints:
+        return self._receiver.receive_joints(
             msg.name,
             msg.velocity,
             msg.position,
@@ -147,14 +156,16 @@ class CommandSubscriptions:
             effect_time=effect_time,
         )
 
-    def _twist(self, msg: TwistStamped, clock: CommandClock, effect_time: float | None) -> None:
+    def _twist(
+        self, msg: TwistStamped, clock: CommandClock, effect_time: float | None
+    ) -> Setpoints:
         twist, stamp = msg.twist, _stamp_arguments(msg, clock)
-        self._receiver.receive_twist(
+        return self._receiver.receive_twist(
             twist.linear.x, twist.angular.z, _now(clock), **stamp, effect_time=effect_time
         )
 
-    def _joy(self, msg: Joy, clock: CommandClock) -> None:
-        self._receiver.receive_joy(
+    def _joy(self, msg: Joy, clock: CommandClock) -> Setpoints:
+        return self._receiver.receive_joy(
             msg.axes, msg.buttons, _now(clock), **_stamp_arguments(msg, clock)
         )
 

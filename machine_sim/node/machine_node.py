@@ -17,6 +17,7 @@ from std_msgs.msg import Bool, String
 
 from machine_sim.commands import CommandParams
 from machine_sim.dem import ParticleParams
+from machine_sim.node.command_conflicts import CommandConflicts
 from machine_sim.node.command_scheduler import CommandScheduler
 from machine_sim.node.command_subscriptions import CommandSubscriptions
 from machine_sim.node.emergency_stop import EmergencyStops
@@ -154,15 +155,11 @@ class MachineNode(SimNode):
         self._poller.subscribe(Bool, paused, qos.TRANSIENT_LOCAL, self._soil_contact.take_paused)
         self._command_poller = SubscriptionPoller(self, self._advance)
         record = self._record_commands
-        for k, instance in enumerate(self.instances):
-            CommandSubscriptions(
-                self._command_poller,
-                instance.arbiter,
-                partial(self._command_scheduler, k),
-                reject,
-                instance.topic_prefix,
-                record=record,
-            )
+        conflicts = CommandConflicts(self, self.diagnostics, self.instances)
+        for k, (arbiter, prefix) in enumerate((m.arbiter, m.topic_prefix) for m in self.instances):
+            clock, observe = partial(self._command_scheduler, k), partial(conflicts.record, k)
+            inputs = self._command_poller, arbiter, clock, reject, prefix
+            CommandSubscriptions(*inputs, record=record, observe=observe)
         # After the commands, so that the executor runs its callbacks after theirs: of what arrives
         # together, a command is dropped by a stop, and is older than its release.
         self._emergency_stops = EmergencyStops(self, self.diagnostics, self.instances, record)

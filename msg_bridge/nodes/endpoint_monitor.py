@@ -24,7 +24,7 @@ from msg_bridge.contract import topics
 from msg_bridge.contract.interface import is_exclusive
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
 
-__all__ = ["EndpointMonitor"]
+__all__ = ["EndpointMonitor", "node_name"]
 
 _ROW_TOPICS = (topics.SOIL_TOOL_SWEEPS, topics.SOIL_DEPOSIT_REQUESTS)
 """Topics that all machine nodes publish, and nothing else may."""
@@ -88,15 +88,15 @@ class EndpointMonitor:
         publishers = self._publishers(topic)
         if not is_own:
             if len(publishers) > 1:
-                names = sorted(map(_name, publishers))
+                names = sorted(map(node_name, publishers))
                 what = f"nodes {' and '.join(names)} both publish {{}}, which one may"
                 remedy = _ANOTHER if len(set(names)) == len(names) else _RESTARTED
                 findings[Level.WARN, what, remedy].update(_endpoint(topic, e) for e in publishers)
             return
-        own = next((each for each in publishers if _name(each) == self._own_name), None)
+        own = next((each for each in publishers if node_name(each) == self._own_name), None)
         for publisher in publishers:
             if publisher is not own:
-                what = f"another node, {_name(publisher)}, also publishes {{}} of this node"
+                what = f"another node, {node_name(publisher)}, also publishes {{}} of this node"
                 findings[Level.ERROR, what, _ANOTHER].add(_endpoint(topic, publisher))
 
     def _check_compatible(
@@ -106,7 +106,7 @@ class EndpointMonitor:
         for publisher in self._publishers(topic):
             reasons = [_incompatibility(publisher, each) for each in subscriptions]
             if all(reasons):
-                what = f"messages of {_name(publisher)} on {{}} are not received ({reasons[0]})"
+                what = f"messages of {node_name(publisher)} on {{}} are not received ({reasons[0]})"
                 findings[Level.WARN, what, "change the publisher"].add(_endpoint(topic, publisher))
 
     def _check_row_publishers(
@@ -120,12 +120,12 @@ class EndpointMonitor:
         machines = sum(self._node.count_publishers(topic) for topic in headers)
         if all(self._node.count_publishers(topic) == machines for topic in rows):
             return
-        names = {_name(each) for topic in headers for each in self._publishers(topic)}
+        names = {node_name(each) for topic in headers for each in self._publishers(topic)}
         for topic in rows:
             for publisher in self._publishers(topic):
-                if _name(publisher) not in names:
+                if node_name(publisher) not in names:
                     what = (
-                        f"{_name(publisher)}, which is no machine node of this simulation,"
+                        f"{node_name(publisher)}, which is no machine node of this simulation,"
                         " publishes {}"
                     )
                     findings[Level.WARN, what, "stop it"].add(_endpoint(topic, publisher))
@@ -156,7 +156,7 @@ def _endpoint(topic: str, info: TopicEndpointInfo) -> _Endpoint:
     return topic, tuple(info.endpoint_gid)
 
 
-def _name(info: TopicEndpointInfo) -> str:
+def node_name(info: TopicEndpointInfo) -> str:
     """Return the full name of the node of an endpoint."""
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 

@@ -42,7 +42,9 @@ class SubscriptionPoller:
         self._node = node
         self._on_polled = on_polled
         self._polled_group = PolledGroup()
-        self._subscriptions_and_callbacks: list[tuple[Subscription, Callable[[Any], None]]] = []
+        self._subscriptions_and_callbacks: list[
+            tuple[Subscription, Callable[[Any, Any], None]]
+        ] = []
         self._subscriptions: dict[str, list[Subscription]] = {}  # by topic
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._poll_timer = node.create_timer(_POLL_PERIOD, self._poll, clock=steady)
@@ -53,10 +55,11 @@ class SubscriptionPoller:
         kind: Any,
         topic: str,
         profile: Any,
-        take: Callable[[Any], None],
+        take: Callable[..., None],
         *,
         triggers: bool = True,
         raw: bool = False,
+        with_info: bool = False,
     ) -> None:
         """Subscribe to a topic.
 
@@ -67,10 +70,17 @@ class SubscriptionPoller:
             take: called with each message; must not raise.
             triggers: whether a message triggers a poll; if not, it waits for the next one.
             raw: pass the CDR bytes instead of the message.
+            with_info: pass the message and its info, a mapping with `publication_sequence_number`.
         """
 
-        def wake(msg: Any) -> None:
-            take(msg)
+        def receive(msg: Any, info: Any) -> None:
+            if with_info:
+                take(msg, info)
+            else:
+                take(msg)
+
+        def wake(msg: Any, info: Any) -> None:
+            receive(msg, info)
             self._poll()
 
         group = None if triggers else self._polled_group
@@ -81,7 +91,7 @@ class SubscriptionPoller:
         # Triggering subscriptions are polled first: their messages are published last, so that the
         # rows they count have arrived by the time the others are polled.
         index = 0 if triggers else len(self._subscriptions_and_callbacks)
-        self._subscriptions_and_callbacks.insert(index, (subscription, take))
+        self._subscriptions_and_callbacks.insert(index, (subscription, receive))
 
     def unsubscribe(self, topic: str) -> None:
         """End the subscriptions to a topic; not in a callback of a message.
@@ -98,7 +108,7 @@ class SubscriptionPoller:
     def take_all(self) -> int:
         """Take all waiting messages and return their number."""
         num_taken = 0
-        for subscription, take in self._subscriptions_and_callbacks:
+        for subscription, receive in self._subscriptions_and_callbacks:
             with subscription.handle:
                 deadline = time.monotonic() + _MAX_TAKE_TIME
                 while True:
@@ -107,7 +117,7 @@ class SubscriptionPoller:
                     )
                     if message is None:
                         break
-                    take(message[0])
+                    receive(*message)
                     num_taken += 1
                     if time.monotonic() > deadline:
                         break

@@ -10,6 +10,7 @@ from geometry_msgs.msg import TwistStamped
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Float64MultiArray
 
+from machine_sim.commands.parser import Setpoints
 from machine_sim.node.command_subscriptions import CommandSubscriptions
 from msg_bridge.codec.qos import COMMANDS
 from msg_bridge.codec.stamps import stamp_from_seconds
@@ -27,29 +28,34 @@ class CommandReceiver:
         self.received: list[tuple[Any, ...]] = []
         self.rejection = ""
 
-    def _take(self, *what: Any) -> None:
+    def _take(self, *what: Any) -> Setpoints:
         if self.rejection:
             raise EarthmovingError(self.rejection)
         self.received.append(what)
+        return {}
 
-    def receive_front(self, values: Any, now: float) -> None:
-        self._take("front", list(values), now)
+    def receive_front(self, values: Any, now: float) -> Setpoints:
+        return self._take("front", list(values), now)
 
-    def receive_tracks(self, values: Any, now: float) -> None:
-        self._take("tracks", list(values), now)
+    def receive_tracks(self, values: Any, now: float) -> Setpoints:
+        return self._take("tracks", list(values), now)
 
     def receive_joints(
         self, names: Any, velocity: Any, position: Any, now: float, **times: float | None
-    ) -> None:
-        self._take("joints", list(names), list(velocity), list(position), now, *times.values())
+    ) -> Setpoints:
+        return self._take(
+            "joints", list(names), list(velocity), list(position), now, *times.values()
+        )
 
     def receive_twist(
         self, linear: float, angular: float, now: float, **times: float | None
-    ) -> None:
-        self._take("twist", linear, angular, now, *times.values())
+    ) -> Setpoints:
+        return self._take("twist", linear, angular, now, *times.values())
 
-    def receive_joy(self, axes: Any, buttons: Any, now: float, *, stamp: Any, sim_now: Any) -> None:
-        self._take("joy", list(axes), list(buttons), now, stamp, sim_now)
+    def receive_joy(
+        self, axes: Any, buttons: Any, now: float, *, stamp: Any, sim_now: Any
+    ) -> Setpoints:
+        return self._take("joy", list(axes), list(buttons), now, stamp, sim_now)
 
 
 class CommandClock:
