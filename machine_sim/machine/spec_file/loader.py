@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -45,7 +48,7 @@ def load_machine_spec(path: str | Path) -> MachineSpec:
     """
     path = Path(path)
     text = _read_text(path, "a machine file")
-    shapes_file = _find_shapes_file(_parse(path, text), path.parent)
+    shapes_file = _find_shapes_file(_parse(path, text), path)
     shapes = _read_text(shapes_file, "a file of shapes") if shapes_file else None
     return _build_spec(path.name, text, shapes_file, shapes)
 
@@ -58,7 +61,7 @@ def find_shapes_file(path: str | Path) -> Path | None:
         MachineError: a file is missing, or cannot be read.
     """
     path = Path(path)
-    return _find_shapes_file(_parse(path, _read_text(path, "a machine file")), path.parent)
+    return _find_shapes_file(_parse(path, _read_text(path, "a machine file")), path)
 
 
 def _read_text(path: Path, what: str) -> str:
@@ -77,32 +80,43 @@ def _parse(path: Path, text: str) -> Section:
     """Return the contents of a file.
 
     Raises:
-        MachineError: the text is no YAML.
+        MachineError: the text is no YAML, or no mapping.
     """
     try:
         values = load_yaml(text)
     except yaml.YAMLError as error:
         raise MachineError(f"{path} cannot be read as YAML: {error}") from error
-    return Section(values, f"{path.name}: ")
+    with _name_file(path.name):
+        return Section(values, "")
 
 
-def _find_shapes_file(file: Section, folder: Path) -> Path | None:
+@contextmanager
+def _name_file(name: str) -> Iterator[None]:
+    """Prefix errors of the block with the name of the file that they are about."""
+    try:
+        yield
+    except MachineError as error:
+        raise MachineError(f"{name}: {error}") from error
+
+
+def _find_shapes_file(file: Section, machine_file: Path) -> Path | None:
     """Return the file that the section `shapes` names; None if it is a mapping, or missing.
 
-    The file is searched beside the machine file, in `folder`, then as `find_config` searches.
+    The file is searched beside the machine file, then as `find_config` searches.
 
     Raises:
         MachineError: there is no such file.
     """
     if not (file.has("shapes") and file.is_text("shapes")):
         return None
-    name = file.text("shapes")
-    path = folder / name
-    if not path.is_file():
-        try:
-            path = find_config(name)
-        except ConfigError as error:
-            raise MachineError(f"{file.key_path('shapes')}: {error}") from error
+    with _name_file(machine_file.name):
+        name = file.text("shapes")
+        path = machine_file.parent / name
+        if not path.is_file():
+            try:
+                path = find_config(name)
+            except ConfigError as error:
+                raise MachineError(f"shapes: {error}") from error
     return path
 
 
@@ -117,9 +131,23 @@ def _build_spec(name: str, text: str, shapes_file: Path | None, shapes: str | No
         shapes: its text.
     """
     file = _parse(Path(name), text)
+    with _name_file(name):
+        spec = _read_machine(file)
+    if shapes_file is not None:
+        section = _parse(shapes_file, shapes or "")
+        with _name_file(shapes_file.name):
+            spec = replace(spec, shapes=read_shapes(section, spec.links))
+    with _name_file(name):
+        _check_unique_names(spec)
+    return spec
+
+
+def _read_machine(file: Section) -> MachineSpec:
+    """Return the specification in a machine file, without the shapes of another file."""
     supply = read_supply(file.section("hydraulics")) if file.has("hydraulics") else None
     joints, cylinders, motors = read_joints(file.section("joints"), supply)
     links = read_links(file.section("links"), joints)
+    has_shapes = file.has("shapes") and not file.is_text("shapes")
     spec = MachineSpec(
         name=file.text("name"),
         links=links,
@@ -135,16 +163,10 @@ def _build_spec(name: str, text: str, shapes_file: Path | None, shapes: str | No
         if file.has("joystick_axes")
         else {},
         imus=read_imus(file.section("imus"), links) if file.has("imus") else (),
-        shapes=read_shapes(
-            file.section("shapes") if shapes_file is None else _parse(shapes_file, shapes or ""),
-            links,
-        )
-        if file.has("shapes")
-        else MachineShapes(),
+        shapes=read_shapes(file.section("shapes"), links) if has_shapes else MachineShapes(),
         references=read_references(file.sections("references")) if file.has("references") else (),
     )
     file.reject_unknown_keys()
-    _check_unique_names(spec)
     return spec
 
 

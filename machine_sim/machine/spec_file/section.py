@@ -12,6 +12,9 @@ from msg_bridge.contract.suggestions import did_you_mean, nearest_name, suggesti
 
 __all__ = ["Section"]
 
+_FILE = "the file"
+"""What messages call the section of a whole file."""
+
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
@@ -28,13 +31,13 @@ class Section:
         """
         Args:
             values: the section as parsed from YAML.
-            path: path of the section in the file, for messages ("excavator.yaml: joints.boom").
+            path: path of the section in the file, for messages ("joints.boom"); empty for the file.
 
         Raises:
             MachineError: `values` is not a mapping.
         """
         if not isinstance(values, Mapping):
-            raise MachineError(f"{path} is {values!r}; give a mapping of key: value")
+            raise MachineError(f"{path or _FILE} is {values!r}; give a mapping of key: value")
         self._values = values
         self._path = path
         self._known_keys: set[str] = set()
@@ -115,7 +118,8 @@ class Section:
         for key in self._values:
             if not isinstance(key, str) or not _NAME.fullmatch(key):
                 raise MachineError(
-                    f"{self._path} has the name {key!r}; use letters, digits and _, a letter first"
+                    f"{self._path or _FILE} has the name {key!r}; use letters, digits and _, a"
+                    " letter first"
                 )
         return list(self._values)
 
@@ -147,13 +151,13 @@ class Section:
         if unknown:
             names = ", ".join(f"{key}{suggestion(key, self._known_keys)}" for key in unknown)
             raise MachineError(
-                f"{self._path} has unknown key {names};"
+                f"{self._path or _FILE} has unknown key {names};"
                 f" remove it or use one of: {', '.join(sorted(self._known_keys))}"
             )
 
     def key_path(self, key: str) -> str:
         """Return the path of a key in the file, for messages."""
-        return f"{self._path}{'' if self._path.endswith(': ') else '.'}{key}"
+        return f"{self._path}.{key}" if self._path else key
 
     def _require(self, key: str) -> Any:
         self._known_keys.add(key)

@@ -115,10 +115,12 @@ def swap(profile):
         ),
         (lambda v: v["tools"]["bucket"].update(width=0.0), r"bucket.width is 0.0; .*above 0"),
         (lambda v: v.update(tracks=3), r"tracks is 3; give a mapping"),
+        (lambda v: v.update(wheels=3), r"the file has unknown key wheels"),
+        (lambda v: v.clear(), r"joints is missing"),
     ],
 )
-def test_invalid_file_is_rejected_with_key_and_remedy(tmp_path, edit, words):
-    with pytest.raises(MachineError, match=words):
+def test_invalid_file_is_rejected_with_its_name_key_and_remedy(tmp_path, edit, words):
+    with pytest.raises(MachineError, match=rf"^machine\.yaml: .*{words}"):
         load_machine_spec(edited_file(tmp_path, edit))
 
 
@@ -184,5 +186,5 @@ def test_invalid_imu_is_rejected(tmp_path, imus, message):
     ],
 )
 def test_invalid_cylinder_or_supply_is_rejected(tmp_path, edit, message):
-    with pytest.raises(MachineError, match=message):
+    with pytest.raises(MachineError, match=rf"^machine\.yaml: .*{message}"):
         load_machine_spec(edited_file(tmp_path, edit))

@@ -95,8 +95,14 @@ def test_error_names_the_key_and_the_remedy(tmp_path, edit, words):
         load(tmp_path, shapes)
 
 
+def test_error_in_a_file_of_shapes_names_that_file(tmp_path):
+    (tmp_path / "mine.yaml").write_text(yaml.safe_dump({"links": {"mast": []}}))
+    with pytest.raises(MachineError, match=r"^mine\.yaml: links\.mast is not a link"):
+        load(tmp_path, "mine.yaml")
+
+
 def test_missing_file_of_shapes_is_an_error(tmp_path):
-    with pytest.raises(MachineError, match=r"shapes: There is no .* 'mine\.yaml'"):
+    with pytest.raises(MachineError, match=r"^machine\.yaml: shapes: There is no .* 'mine\.yaml'"):
         load(tmp_path, "mine.yaml")
 
 
