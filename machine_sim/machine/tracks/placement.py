@@ -16,6 +16,7 @@ from machine_sim.machine.tracks.terramechanics import (
     soil_coefficients,
 )
 from msg_bridge.contract.constants import GRAVITY
+from msg_bridge.contract.grid import Grid
 
 __all__ = ["standing_pose"]
 
@@ -34,10 +35,12 @@ def standing_pose(
         Position [m], map frame, shape (3,), and rotation matrix base to map, shape (3, 3).
 
     Raises:
-        MachineError: x, y or yaw is not finite, or the position is off the map.
+        MachineError: x, y or yaw is not finite, the position is off the map, or the map is smaller
+            than the tracks.
     """
     if not all(map(math.isfinite, (x, y, yaw))):
         raise MachineError(f"position ({x}, {y}) and yaw {yaw} of a machine must be finite")
+    _check_map_size(spec, ground.grid)
     if not ground.grid.contains(x, y):
         raise MachineError(
             f"({x}, {y}) m is off the map, which ends at {0.5 * ground.grid.size[0]:g},"
@@ -64,6 +67,20 @@ def standing_pose(
     rotation = np.column_stack([forward, np.cross(normal, forward), normal])
     sinkage = _static_sinkage(spec, ground, points, spec.mass * GRAVITY * float(normal[2]))
     return np.array([x, y, height]) - sinkage * normal, rotation
+
+
+def _check_map_size(spec: MachineSpec, grid: Grid) -> None:
+    """Check that the tracks fit on the map in some heading: beyond its edge there is no soil."""
+    tracks = spec.tracks
+    length = tracks.axle_distance + 2.0 * tracks.sprocket_radius
+    width = tracks.gauge + tracks.shoe_width
+    needed, size = sorted((length, width)), sorted(grid.size)
+    if size[0] < needed[0] or size[1] < needed[1]:
+        raise MachineError(
+            f"the map is {grid.size[0]:g} x {grid.size[1]:g} m, and the tracks of {spec.name} take"
+            f" {length:.1f} x {width:.1f} m; give a larger terrain: increase site.num_points or"
+            " site.cell of the soil node, or take a larger file"
+        )
 
 
 def _static_sinkage(spec: MachineSpec, ground: Ground, points: Array, weight: float) -> float:

@@ -1,0 +1,34 @@
+"""Initial pose of a machine: on the map, and on one that its tracks fit on."""
+
+import numpy as np
+import pytest
+
+from machine_sim.ground import Ground
+from machine_sim.machine import MachineError
+from machine_sim.machine.tracks.placement import standing_pose
+from msg_bridge.contract.grid import Grid
+
+
+def level_ground(rows: int, cols: int) -> Ground:
+    """Return level ground with columns of 0.2 m."""
+    return Ground(Grid(rows, cols, 0.2), np.zeros((rows, cols)))
+
+
+def test_position_off_the_map_is_rejected(spec):
+    with pytest.raises(MachineError, match="off the map"):
+        standing_pose(spec, level_ground(65, 65), 7.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(2, 2), (14, 65), (65, 14), (19, 19)])
+def test_map_smaller_than_the_tracks_is_rejected(spec, rows, cols):
+    length = spec.tracks.axle_distance + 2.0 * spec.tracks.sprocket_radius
+    assert (length, spec.tracks.gauge + spec.tracks.shoe_width) == pytest.approx((3.864, 2.98))
+    with pytest.raises(MachineError, match=r"take 3\.9 x 3\.0 m; .*site\.num_points or site\.cell"):
+        standing_pose(spec, level_ground(rows, cols), 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("rows", "cols"), [(20, 15), (15, 20)])
+def test_machine_stands_on_a_map_as_large_as_its_tracks(spec, rows, cols):
+    position, rotation = standing_pose(spec, level_ground(rows, cols), 0.0, 0.0, 0.0)
+    assert position == pytest.approx([0.0, 0.0, 0.0], abs=0.05)
+    assert rotation == pytest.approx(np.eye(3))
