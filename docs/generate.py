@@ -22,7 +22,7 @@ from security_policy import security_policy
 from dig_operator.usage import USAGE as OPERATOR_USAGE
 from machine_sim.node.usage import USAGE as MACHINE_USAGE
 from msg_bridge.contract.interface import INTERFACE, Endpoint, EndpointKind, Scope
-from msg_bridge.contract.parameters import item_type
+from msg_bridge.contract.parameters import item_type, node_fields
 from msg_bridge.foxglove_server.usage import USAGE as FOXGLOVE_USAGE
 from msg_bridge.recorder.usage import USAGE as RECORDER_USAGE
 from soil_sim.node.usage import USAGE as SOIL_USAGE
@@ -140,7 +140,7 @@ def parameters() -> str:
         rows = [
             _parameter_row(prefix, field)
             for prefix, group in usage.parameters.items()
-            for field in dataclasses.fields(group)
+            for field in node_fields(group)
         ]
         parts.append(f"## {name}\n\n{_table(header, rows)}")
     return "\n".join(parts)

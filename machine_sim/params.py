@@ -23,9 +23,10 @@ class MachineSimParams(Parameters):
     )
     steps_per_tick: int = parameter(
         2,
-        "number of physics steps in a tick; of a node that of the soil's tick_period",
+        "number of physics steps in a tick",
         low=1,
         high=MAX_STEPS_PER_TICK,
+        determined_by="stepping.physics_step and the tick_period of the soil node",
     )
     track_model: Literal["kinematic", "dynamic"] = parameter(
         "kinematic",

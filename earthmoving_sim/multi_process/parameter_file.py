@@ -9,6 +9,8 @@ from typing import Any
 import yaml
 
 from earthmoving_sim.run_config import RunConfig
+from machine_sim.params import MachineSimParams
+from msg_bridge.contract.parameters import node_fields
 
 __all__ = [
     "DIGGER_NAMESPACE",
@@ -73,7 +75,10 @@ def write_node_parameters(
         "seed": config.run.seed,
         "required_subscribers": [_RECORDER],
         "state_rate": 1.0 / (command_interval_ticks * tick_period),
-        "stepping": asdict(config.stepping),
+        "stepping": {
+            field.name: getattr(config.stepping, field.name)
+            for field in node_fields(MachineSimParams)
+        },
         "particles": asdict(config.particles),
     }
     operator = {

@@ -44,6 +44,7 @@ _FIXED = (
     *("tick_period", "sync", "overload", "expected_machines", "admit_other_machines"),
     *("machine_id", "machine_timeout", "machines", "bins", "required_subscribers"),
     *("exchange_key_file", "paused", "command_wait_period", "command_delay"),
+    "stepping.steps_per_tick",
 )
 """Parameters of nodes that have no effect on a replay, or would contradict its recording."""
 

@@ -113,7 +113,6 @@ class ReplayRecording:
             node=setup.node,
             machines=setup.machines,
             bins=setup.bins,
-            stepping=setup.stepping,
             particles=setup.particles,
             sensors=setup.sensors,
             commands=setup.commands,

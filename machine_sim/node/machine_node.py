@@ -378,7 +378,6 @@ class MachineNode(SimNode):
             node=self._params,
             machines={each.name: each.params for each in self.instances},
             bins=self._bins,
-            stepping=self._stepping,
             particles=self._particles,
             sensors=self._sensor_params,
             commands=self._commands,

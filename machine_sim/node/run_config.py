@@ -9,7 +9,6 @@ from machine_sim.commands import CommandParams
 from machine_sim.dem import ParticleParams
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.node.params import BinParams, MachineInstanceParams, MachineNodeParams
-from machine_sim.params import MachineSimParams
 from machine_sim.sensors import SensorParams
 from msg_bridge.codec.run_config import SESSION, to_config_yaml
 from msg_bridge.contract.input_files import InputFile
@@ -24,7 +23,6 @@ def run_config(
     node: MachineNodeParams,
     machines: Mapping[str, MachineInstanceParams],
     bins: Mapping[str, BinParams],
-    stepping: MachineSimParams,
     particles: ParticleParams,
     sensors: SensorParams,
     commands: CommandParams,
@@ -38,7 +36,7 @@ def run_config(
         node: parameters of the node.
         machines, bins: parameters of each machine and bin by name; those of an only machine are
             part of `node`, and its name is empty.
-        stepping, particles, sensors, commands: the other parameters.
+        particles, sensors, commands: the other parameters.
         input_files: files that the node has read.
     """
     named = {name: asdict(params) for name, params in machines.items() if name}
@@ -47,7 +45,7 @@ def run_config(
         "machine_sim": asdict(node),
         **({"machines": named} if named else {}),
         "bins": {name: asdict(params) for name, params in bins.items()},
-        "stepping": asdict(stepping),
+        "stepping": asdict(run.sim.params),
         "particles": asdict(particles),
         "sensors": asdict(sensors),
         "commands": asdict(commands),

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.contract.suggestions import suggestion
 
-__all__ = ["Parameters", "check_value", "item_type", "parameter"]
+__all__ = ["Parameters", "check_value", "item_type", "node_fields", "parameter"]
 
 P = TypeVar("P", bound="Parameters")
 
@@ -29,6 +29,7 @@ def parameter(
     high: float = math.inf,
     choices: tuple[str, ...] = (),
     items: type | None = None,
+    determined_by: str = "",
 ) -> Any:
     """Return a dataclass field with the documentation and range of a parameter.
 
@@ -39,10 +40,19 @@ def parameter(
         low, high: inclusive range of a number, or of each number of a list.
         choices: the allowed values of a string, or of each string of a list.
         items: type of the elements of a list; required only if the default is the empty tuple.
+        determined_by: what determines the value in a node, where it is no parameter; empty: it is a
+            parameter of nodes, too.
     """
     if default == () and items is None:
         raise TypeError("an empty default has no element type; give `items` too")
-    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices}
+    metadata = {
+        "doc": doc,
+        "unit": unit,
+        "low": low,
+        "high": high,
+        "choices": choices,
+        "determined_by": determined_by,
+    }
     if isinstance(default, tuple):
         metadata["items"] = items or type(default[0])
     return dataclasses.field(default=default, metadata=metadata)
@@ -85,6 +95,11 @@ class Parameters:
                 if known[name].metadata:
                     check_value(f"{prefix}{name}", known[name], value)
         return cls(**dict(values))
+
+
+def node_fields(params_class: type[Parameters]) -> list[dataclasses.Field[Any]]:
+    """Return the fields that are parameters of a node, in their order."""
+    return [field for field in fields(params_class) if not field.metadata.get("determined_by")]
 
 
 def item_type(field: dataclasses.Field[Any]) -> type | None:

@@ -9,11 +9,11 @@ import dataclasses
 import math
 import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from msg_bridge.contract.interface import Endpoint, endpoints_of
-from msg_bridge.contract.parameters import Parameters, item_type
+from msg_bridge.contract.parameters import Parameters, item_type, node_fields
 
 __all__ = ["NodeUsage"]
 
@@ -47,7 +47,7 @@ class NodeUsage:
             + "\n".join(
                 _parameter_text(prefix, each)
                 for prefix, params_class in self.parameters.items()
-                for each in fields(params_class)
+                for each in node_fields(params_class)
             ),
         ]
         return "\n\n".join(sections)

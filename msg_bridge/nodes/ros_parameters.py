@@ -29,7 +29,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from msg_bridge.contract.errors import ParameterError
-from msg_bridge.contract.parameters import Parameters, check_value, item_type
+from msg_bridge.contract.parameters import Parameters, check_value, item_type, node_fields
 from msg_bridge.contract.suggestions import did_you_mean, nearest_name
 
 __all__ = [
@@ -61,7 +61,9 @@ _INT64 = 2**63
 def declare_parameters(
     node: Node, params_class: type[P], prefix: str = "", changeable: Collection[str] = ()
 ) -> P:
-    """Declare every field of a parameter dataclass to ROS and read its value.
+    """Declare the fields of a parameter dataclass to ROS and read their values.
+
+    A field with `determined_by` is not declared, and has its default.
 
     Args:
         node: node to declare the parameters on.
@@ -74,7 +76,8 @@ def declare_parameters(
         The dataclass with the values of the user, and defaults where there are none.
 
     Raises:
-        ParameterError: a value of a wrong type or outside its range, or a name declared before.
+        ParameterError: a value of a wrong type or outside its range, one of a field that is not
+            declared, or a name declared before.
     """
     _check_field_names(params_class, changeable)
     values = {}
@@ -82,12 +85,17 @@ def declare_parameters(
         name = prefix + field.name
         value = field.default
         override = _overrides(node).get(name)
+        if override is not None and field.metadata.get("determined_by"):
+            raise ParameterError(
+                f"{_of(node)} has no parameter {name}: it follows from"
+                f" {field.metadata['determined_by']}; set those"
+            )
         if override is not None:
             value = _from_ros(field, override.value)
             check_value(name, field, value)
         values[field.name] = value
     made = params_class(**values)
-    for field in fields(params_class):
+    for field in node_fields(params_class):
         descriptor = parameter_descriptor(field, read_only=field.name not in changeable)
         try:
             _declare(node, prefix + field.name, getattr(made, field.name), descriptor)
@@ -148,7 +156,7 @@ def on_parameter_change(
         apply: receives the new parameters; it must not reject them.
     """
     _check_field_names(params_class, changeable)
-    by_name = {prefix + field.name: field for field in fields(params_class)}
+    by_name = {prefix + field.name: field for field in node_fields(params_class)}
 
     def with_changes(changed: list[Parameter]) -> P | None:
         """Return the changed dataclass, or None if the request concerns other parameters."""

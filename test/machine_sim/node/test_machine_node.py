@@ -41,6 +41,8 @@ def test_invalid_parameters_are_rejected(ros: Ros) -> None:
     scene = Scene(ros)
     with pytest.raises(ParameterError, match=r"machine_it.*machine_id"):
         scene.machine(machine_it=2)
+    with pytest.raises(ParameterError, match=r"steps_per_tick.*tick_period of the soil"):
+        scene.machine(**{"stepping.steps_per_tick": 4})
     with pytest.raises(ConfigError, match="nothing"):
         scene.machine(machine="nothing.yaml")
 

@@ -63,7 +63,7 @@ NAMES = ["swing", "boom", "arm", "bucket"]
 
 
 def test_late_subscriber_gets_description_and_configuration(ros: Ros) -> None:
-    scene = Scene(ros)
+    scene = Scene(ros, tick_period=0.02)
     scene.machine(**{"commands.command_timeout": 0.7})
     scene.until_tick(3)
     urdf = ros.collect("/excavator/robot_description", String, qos.TRANSIENT_LOCAL)
@@ -74,6 +74,7 @@ def test_late_subscriber_gets_description_and_configuration(ros: Ros) -> None:
     content = yaml.safe_load(config[0].data)
     assert content["commands"]["command_timeout"] == 0.7
     assert content["machine_sim"]["machine_id"] == 1
+    assert content["stepping"]["steps_per_tick"] == 4
     assert parse_run_facts(config[0].data).run_id == scene.soil.run.endpoint.exchange.run_id
 
 

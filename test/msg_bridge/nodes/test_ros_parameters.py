@@ -36,6 +36,7 @@ class Example(Parameters):
     machines: tuple[int, ...] = parameter((1,), "which", low=1, high=9)
     names: tuple[str, ...] = parameter((), "of what", items=str)
     weights: tuple[float, ...] = parameter((0.5,), "how much")
+    rows: int = parameter(2, "how many rows", determined_by="soil.count and soil.cell")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -95,6 +96,12 @@ def test_values_are_read_from_a_file_and_the_command_line(ros: Ros, tmp_path: Pa
     assert node.params == Example(
         cell=1.0, count=7, machines=(), weights=(1.0, 2.0), names=("left", "right")
     )
+
+
+def test_parameter_that_follows_from_others_cannot_be_set(ros: Ros) -> None:
+    assert "soil.rows" not in known_parameters(example(ros, {}))
+    with pytest.raises(ParameterError, match=r"rows: it follows from soil\.count and soil\.cell"):
+        example(ros, {"rows": 2})
 
 
 def test_integer_is_accepted_for_a_double(ros: Ros) -> None:
