@@ -7,11 +7,12 @@ with that of other columns, and released at the position of the last of them. So
 limit per tick or by a full engine is released as soon as there is capacity, in particles of the
 usual size; a rest below a quarter of a particle stays pending until the tool digs again.
 
-Merged parcels take the soil id of the newest, and the mean moisture: their volumes and their
-*water*, volume times moisture, are added. A particle takes water in proportion to its volume. Its
-moisture is rounded to a whole per cent, up or down, whichever keeps the accumulated rounding error
-smaller: the water of all particles differs from the water excavated by at most half a per cent of
-one particle. Soil of uniform moisture keeps it.
+Parcels of one column take the soil id of the newest, and remainders of several that of the larger.
+They take the mean moisture: their volumes and their *water*, volume times moisture, are added. A
+particle takes water in proportion to its volume. Its moisture is rounded to a whole per cent, up or
+down, whichever keeps the accumulated rounding error smaller: the water of all particles differs
+from the water excavated by at most half a per cent of one particle. Soil of uniform moisture keeps
+it.
 """
 
 from __future__ import annotations
@@ -246,15 +247,15 @@ class PendingSoil:
         return min(int(factor * parcel.particle_volume), MAX_ROW_VOLUME)
 
     def _add_to_remainder(self, parcel: _Parcel) -> None:
-        """Merge the rest of a parcel into the common remainder."""
+        """Merge the rest of a parcel into the common remainder, with the kind of the larger one."""
+        if parcel.volume == 0:  # all of it became particles
+            return
         rest = self._remainder
+        if parcel.soil == rest.soil or parcel.volume > rest.volume:
+            rest.soil, rest.particle_volume = parcel.soil, parcel.particle_volume
         rest.volume += parcel.volume
         rest.water += parcel.water
-        rest.particle_volume, rest.soil, rest.point = (
-            parcel.particle_volume,
-            parcel.soil,
-            parcel.point,
-        )
+        rest.point = parcel.point
 
     def _release_remainder(self, batch: _Batch, particles: SoilEngine, max_count: int) -> None:
         """Withdraw particles from the remainder; none leaves a rest below the minimum volume."""

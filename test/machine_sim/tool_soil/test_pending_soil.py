@@ -98,6 +98,43 @@ def test_remainders_of_idle_columns_are_merged_to_particles() -> None:
     assert particles.volumes_mm3.max() < 1.25 * NOMINAL
 
 
+@pytest.mark.parametrize(
+    ("volumes", "soils", "expected"),
+    [
+        ((100_000, 30_000), (1, 0), 1),
+        ((30_000, 100_000), (1, 0), 0),
+        ((100_000, NOMINAL, 30_000), (1, 0, 2), 1),  # of the second column nothing is left
+    ],
+)
+def test_remainder_of_several_soils_has_the_kind_of_its_larger_part(
+    volumes: tuple[int, ...], soils: tuple[int, ...], expected: int
+) -> None:
+    ground = Ground(GRID, np.full(GRID.shape, -50.0))
+    soil = pending()
+    particles = ParticleEngine(ParticleParams(), ground, soils=[LooseSoil()] * 3)
+    rows = parcels(*volumes)
+    rows["soil"] = soils
+    soil.receive(rows, POSE, 0)
+    for tick in range(1, 10):
+        soil.release(particles, POSE, tick)
+    assert particles.volumes_mm3.tolist()[-1] == 130_000
+    assert particles.soil.tolist()[-1] == expected
+    assert soil.total_mm3 == 0
+
+
+def test_remainder_stays_where_it_was_when_a_column_without_a_rest_ends() -> None:
+    soil, particles = pending(max_per_tick=1), engine()
+    rows = parcels(NOMINAL, 130_000, NOMINAL)
+    rows["x"] = POSE[1][0] + np.array([0.5, 0.7, 1.1])
+    soil.receive(rows, POSE, 0)
+    for tick in range(1, 8):
+        if tick == 6:  # the only particle of the tick in which the two other columns are merged
+            soil.receive(rows[:1], POSE, tick)
+        soil.release(particles, POSE, tick)
+    assert particles.volumes_mm3.tolist() == [NOMINAL, NOMINAL, NOMINAL, 130_000]
+    assert particles.positions[3, 0] == pytest.approx(POSE[1][0] + 0.7, abs=0.03)
+
+
 @pytest.mark.parametrize("volume", [90_000, 499_000])
 def test_soil_held_back_by_a_full_engine_is_released_in_normal_sizes(volume: int) -> None:
     params = ParticleParams(capacity=1000)
