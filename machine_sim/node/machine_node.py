@@ -164,13 +164,14 @@ class MachineNode(SimNode):
         # together, a command is dropped by a stop, and is older than its release.
         self._emergency_stops = EmergencyStops(self, self.diagnostics, self.instances, record)
         self.create_timer(_PROGRESS_CHECK_PERIOD, self._check_progress)
-        WaitLog(self, self.diagnostics, self._find_waits)
+        self._wait_log = WaitLog(self, self.diagnostics, self._find_waits)
         EndpointMonitor(self, self.diagnostics)
         self._continue_run()
 
     def stop(self) -> None:
         """Leave the run in one more tick, so that other nodes need not wait for a timeout."""
         self._leaving = True
+        self._wait_log.close()
         if self.run is not None and self.run.endpoint.is_ready:
             self._do_step(self.run)
         self._recovery.end()
@@ -296,8 +297,6 @@ class MachineNode(SimNode):
         self._node_publishers.publish_state(run, self._params)
 
     def _find_waits(self) -> Iterable[Wait]:
-        if self._leaving:
-            return ()
         namespace = self.get_namespace()
         return find_machine_waits(namespace, self._membership, self.run, self._soil_contact)
 

@@ -79,14 +79,24 @@ class WaitLog:
         self._find_waits, self._now = find_waits, now
         self._present: dict[str, _PresentWait] = {}
         self._last_logged: dict[str, float] = {}  # by what is awaited
+        self._is_closed = False
         diagnostics.set("waiting_for", _NOTHING)
         diagnostics.add_task(self.update)
         # A timer of the node's own clock would stop with simulation time.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(CHECK_PERIOD, self.update, clock=steady)
 
+    def close(self) -> None:
+        """Report nothing from now on: the node ends, which is not the end of what it waits for."""
+        self._is_closed = True
+        self._present.clear()
+        self._diagnostics.set("waiting_for", _NOTHING)
+        self._diagnostics.clear(_CONDITION)
+
     def update(self) -> None:
         """Report the waits that have begun or ended."""
+        if self._is_closed:
+            return
         now = self._now()
         found = {wait.what: wait.progress for wait in self._find_waits()}
         for what, wait in list(self._present.items()):

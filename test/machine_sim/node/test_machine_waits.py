@@ -10,6 +10,7 @@ from support.machine_scenes import COMMAND_NAMES
 from support.node_scenes import TICK, Scene, joint_command
 
 from machine_sim.node.machine_node import MachineNode
+from msg_bridge.nodes.wait_log import CHECK_PERIOD
 from msg_bridge.testing.ros_context import Ros
 
 
@@ -42,6 +43,22 @@ def test_machine_reports_a_soil_that_is_silent_until_it_is_back(
     output = capfd.readouterr().err
     assert output.count("waiting for messages of the soil on /soil/tick") == 1
     assert output.count("for messages of the soil on /soil/tick is over") == 1
+
+
+def test_machine_that_ends_while_it_waits_does_not_log_that_the_wait_is_over(
+    ros: Ros, capfd: pytest.CaptureFixture[str]
+) -> None:
+    scene = Scene(ros, machine_timeout=20.0)
+    machine = scene.machine()
+    scene.until_tick(5)
+    ros.executor.remove_node(scene.soil)  # its process has ended
+    until_waiting(scene, machine, "messages of the soil on /soil/tick")
+    machine.stop()
+    assert machine.stopping
+    ros.spin_for(3 * CHECK_PERIOD)
+    output = capfd.readouterr().err
+    assert output.count("waiting for messages of the soil on /soil/tick") == 1
+    assert "is over" not in output
 
 
 def test_pause_is_no_wait(ros: Ros) -> None:

@@ -63,6 +63,18 @@ def test_wait_is_reported_until_it_ends(scene: Scene) -> None:
     ]
 
 
+def test_nothing_is_reported_when_the_node_ends(scene: Scene) -> None:
+    scene.after(REPORT_TIME, SOIL)
+    scene.log.close()
+    scene.after(1.0)
+    scene.after(LOG_PERIOD, SOIL)
+    scene.after(LOG_PERIOD, SOIL)
+    report = scene.diagnostics.report()
+    assert (report.level, report.values) == (Level.OK, {"waiting_for": "nothing"})
+    scene.ros.spin_for(0.3)
+    assert scene.logged(1) == ["waiting for the soil; start it"]
+
+
 def test_progress_begins_another_wait(scene: Scene) -> None:
     for tick in range(5):
         scene.after(0.9 * REPORT_TIME, Wait(SOIL.what, tick))
