@@ -136,7 +136,7 @@ def _compact(points, has_plate, pressure, tool, boxed_columns, frame, sinkage): 
     return (np.unique(under[under >= 0]), *_columns_by_tool(under, tools, pressure, tool))
 
 
-@helper
+@helper(allocates=True)
 def _columns_by_tool(under, tools, pressure, tool_of_pair):  # type: ignore[no-untyped-def]
     """Return the columns under each tool with pressure as `_compact`.
 
@@ -169,7 +169,7 @@ def _width(points, n):  # type: ignore[no-untyped-def]
     return width
 
 
-@helper
+@helper(allocates=True)
 def _compact_triangle(  # type: ignore[no-untyped-def]
     corners, pressures, width, columns, frame, sinkage, under, count
 ):

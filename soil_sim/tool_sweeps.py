@@ -157,7 +157,7 @@ def positions_of_first_tools(rows):  # type: ignore[no-untyped-def]
     return positions[:count]
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def interpolate_key_point(points, which, t):  # type: ignore[no-untyped-def]
     """Return the position (x, y, z) of a key point (pair, end) at a fraction t of the tick.
 
@@ -191,7 +191,7 @@ def _split_machine(rows, points, start):  # type: ignore[no-untyped-def]
     return cut_pairs, pressed, _tools_of_pairs(rows, left), rows[start].machine_id, end
 
 
-@helper
+@helper(allocates=True)
 def _pressures_of_pairs(rows, left):  # type: ignore[no-untyped-def]
     """Return pressures and tools of pairs as `PressedPairs`.
 
@@ -205,7 +205,7 @@ def _pressures_of_pairs(rows, left):  # type: ignore[no-untyped-def]
     return pressure, tool
 
 
-@helper
+@helper(allocates=True)
 def _tools_of_pairs(rows, left):  # type: ignore[no-untyped-def]
     """Return the tools of pairs as `_split_machine`; `left` are the first rows of the pairs."""
     tools = np.empty((left.size, 3), dtype=np.int64)
@@ -218,7 +218,7 @@ def _tools_of_pairs(rows, left):  # type: ignore[no-untyped-def]
     return tools[:count]
 
 
-@helper
+@helper(allocates=True)
 def _select_pairs(rows, points, start, end, compacting):  # type: ignore[no-untyped-def]
     """Return the pairs of the rows `start` to `end` that compact, or else those that do not.
 

@@ -15,7 +15,7 @@ __all__ = ["add", "cross", "divide", "dot", "key_point", "norm", "scale", "subtr
 
 # Inlined before types are inferred: callers pass row and time as literals, and Numba would compile
 # the function again for every literal.
-@helper(inline="always")
+@helper(forceinline=True)
 def key_point(points, row, time):  # type: ignore[no-untyped-def]
     """Return the key point of a row at the start (time 0) or end (1) of a tick.
 

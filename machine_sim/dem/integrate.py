@@ -46,7 +46,7 @@ _TINY = np.float32(1e-20)
 _load, _store = vector_access(_BLOCK_SIZE)
 
 
-@helper
+@helper(allocates=True)
 def pad_rows(rows):  # type: ignore[no-untyped-def]
     """Return rows in whole groups of `GROUP_SIZE`, the last one repeated, uint32."""
     padded = np.empty(round_up(rows.size, GROUP_SIZE), np.uint32)

@@ -53,7 +53,7 @@ def partition_pairs(slabs: NDArray[np.int64], slabs_per_boundary: int) -> list[i
     return [*bounds, count]
 
 
-@helper(forceinline=True)
+@helper(allocates=True, forceinline=True)
 def row_chunk(rows, c):  # type: ignore[no-untyped-def]
     """Return chunk number `c` of some rows."""
     return rows[c * rows.size // NUM_CHUNKS : (c + 1) * rows.size // NUM_CHUNKS]

@@ -137,7 +137,7 @@ def move_particles(  # type: ignore[no-untyped-def]
     return num_tunnelled, num_recovered
 
 
-@helper
+@helper(allocates=True)
 def _positions_of(rows, position):  # type: ignore[no-untyped-def]
     """Return the centres of some particles [m], shape (rows, 3)."""
     centres = np.empty((rows.size, 3))

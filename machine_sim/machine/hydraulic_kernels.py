@@ -61,7 +61,7 @@ _REVERSAL_RATE = 0.02
 below it the pressure follows the load without a drop."""
 
 
-@helper
+@helper(allocates=True)
 def limit_speeds(demand, joints, cylinders, motors, supply, speeds, track_speeds):  # type: ignore[no-untyped-def]
     """Find the speeds of joints and tracks that the pumps can supply.
 
@@ -173,7 +173,7 @@ def advance_supply(dt, track_forces, supply):  # type: ignore[no-untyped-def]
         supply[TRACK_FORCES + side] = mean + weight * (track_forces[side] - mean)
 
 
-@helper
+@helper(allocates=True)
 def limit_torques(dt, joints, cylinders, motors, supply):  # type: ignore[no-untyped-def]
     """Find the maximum torque of each joint in the direction of its present torque.
 

@@ -76,7 +76,7 @@ def _room_below_level(  # type: ignore[no-untyped-def]
     return volume - _loose_volume_inside(inside, rotation, origin, soil)
 
 
-@helper
+@helper(allocates=True)
 def _volume_below_level(profile, width, opening, rotation, origin, elevation, frame):  # type: ignore[no-untyped-def]
     """Return the volume in and on a bucket below the level of the soil ahead [m^3].
 

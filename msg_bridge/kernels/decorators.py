@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from numba import njit
+from numba import njit, types
 
 from msg_bridge.kernels.cache import cached
 
@@ -38,16 +38,57 @@ def kernel(function: Any = None, **options: Any) -> Any:
     return cached(_compile(function, **options))
 
 
-def helper(function: Any = None, **options: Any) -> Any:
+def helper(function: Any = None, *, allocates: bool = False, **options: Any) -> Any:
     """Compile a function that only kernels can call; use as `kernel`.
 
     It has no wrapper for Python and no cache entry of its own: the machine code is part of the
     kernels that call it.
+
+    Args:
+        function: the function to compile.
+        allocates: whether it makes arrays, returns any, or calls a kernel that returns any. All
+            other helpers are compiled without reference counts: for each call those of a table of
+            arrays take ten times as long as reading from it.
+        options: further options of `numba.njit`.
     """
     if function is None:
-        return lambda function: helper(function, **options)
-    return _compile(function, no_cpython_wrapper=True, **options)
+        return lambda function: helper(function, allocates=allocates, **options)
+    dispatcher = _compile(function, no_cpython_wrapper=True, _nrt=allocates, **options)
+    if not allocates:
+        _check_when_compiled(dispatcher)
+    return dispatcher
 
 
 def _compile(function: Any, **options: Any) -> Any:
     return _njit(error_model="numpy", no_cfunc_wrapper=True, **options)(function)
+
+
+def _check_when_compiled(dispatcher: Any) -> None:
+    """Check a helper without reference counts for arrays of which it would have to count some.
+
+    Its caller would release an array that it returns, and one that it gets from a kernel would
+    never be released. Numba itself rejects a helper that makes an array.
+    """
+    compile_signature = dispatcher.compile
+
+    def compile_and_check(signature: Any) -> Any:
+        entry_point = compile_signature(signature)
+        function = dispatcher.py_func
+        callees = (function.__globals__.get(name) for name in function.__code__.co_names)
+        for callee in (dispatcher, *callees):
+            for compiled in getattr(callee, "nopython_signatures", ()):
+                if _contains_array(compiled.return_type):
+                    raise TypeError(
+                        f"{callee.py_func.__qualname__} returns arrays: decorate"
+                        f" {function.__qualname__} with helper(allocates=True)"
+                    )
+        return entry_point
+
+    dispatcher.compile = compile_and_check
+
+
+def _contains_array(kind: Any) -> bool:
+    """Return whether a Numba type is an array, or a tuple with one."""
+    if isinstance(kind, types.BaseTuple):
+        return any(map(_contains_array, kind))
+    return isinstance(kind, types.Array)

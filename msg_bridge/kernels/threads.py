@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 from types import FunctionType
 from typing import Any
 
@@ -78,7 +78,7 @@ def threaded_kernel(function: Any) -> ThreadedKernel:
 
 def threaded_helper(function: Any) -> ThreadedKernel:
     """Compile a function with loops over `prange` that only kernels call; see `helper`."""
-    return ThreadedKernel(function, compile_=helper)
+    return ThreadedKernel(function, compile_=partial(helper, allocates=True))
 
 
 def threaded_stages(function: Any) -> ThreadedKernel:

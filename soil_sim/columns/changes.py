@@ -136,7 +136,7 @@ def _find_changes(  # type: ignore[no-untyped-def]
     return count
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _surface_key(columns, i):  # type: ignore[no-untyped-def]
     """Return kind and moisture of the surface of column i packed into one integer."""
     if columns.loose[i] > 0:

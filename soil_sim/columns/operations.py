@@ -29,13 +29,13 @@ _ROUNDING_TOLERANCE = 1e-9
 """Rounding error of a mean moisture of large volumes [%]."""
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def firm_top(columns, i):  # type: ignore[no-untyped-def]
     """Return the height of the surface of the firm soil of column i [m]."""
     return columns.floor + (columns.firm[i] - columns.packing[i]) * columns.metres_per_mm3
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def packed_depth(columns, i):  # type: ignore[no-untyped-def]
     """Return the thickness of the packed soil at the top of the firm soil of column i [m]."""
     packing = columns.packing[i]

@@ -113,7 +113,7 @@ def apply_height_changes(raster, count):  # type: ignore[no-untyped-def]
                 raster.subcolumn_height[slot, q] += shift
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _is_airborne(points, first, end, raster):  # type: ignore[no-untyped-def]
     """Return whether pairs `first` to `end` - 1 stay above all columns.
 
@@ -137,7 +137,7 @@ def _is_airborne(points, first, end, raster):  # type: ignore[no-untyped-def]
     return True
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _rasterize_plate(points, n, raster, count):  # type: ignore[no-untyped-def]
     """Rasterize the plate between pairs n and n + 1 at poses through the tick."""
     poses = 1
@@ -154,7 +154,7 @@ def _rasterize_plate(points, n, raster, count):  # type: ignore[no-untyped-def]
     return count
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _rasterize_edge(points, a, b, raster, count):  # type: ignore[no-untyped-def]
     """Rasterize the quads that the edge from key point a to b, each (pair, end), sweeps."""
     poses = max(_num_poses(points, a, raster.grid), _num_poses(points, b, raster.grid))
@@ -183,7 +183,7 @@ def _num_poses(points, which, grid):  # type: ignore[no-untyped-def]
     return np.int64(min(max(np.ceil(distance / spacing), 1.0), _MAX_POSES))
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _mark_occupied(a, b, raster, count):  # type: ignore[no-untyped-def]
     """Mark the columns in which the edge from point a to b lies below the surface."""
     grid = raster.grid

@@ -96,7 +96,7 @@ class RasterTables(NamedTuple):
     grid: SubcolumnGrid
 
 
-@helper
+@helper(allocates=True)
 def raster_in_tick(tables, tick):  # type: ignore[no-untyped-def]
     """Return the `Raster` of some `RasterTables` in a tick."""
     return Raster(
@@ -200,7 +200,7 @@ def _rasterize_triangle(a, b, c, raster, count):  # type: ignore[no-untyped-def]
     return count
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _extend_span(u, ua, va, ub, vb, low, high):  # type: ignore[no-untyped-def]
     """Extend the span (low, high) to where the side from a to b crosses row u, if it does."""
     if (ua <= u) != (ub <= u):

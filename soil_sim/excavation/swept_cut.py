@@ -196,7 +196,7 @@ def _remove_from_columns(boxed_columns, boxed_refined, num_refined):  # type: ig
     return _remove(boxed_columns.table, boxed_refined.table, num_refined)
 
 
-@helper
+@helper(allocates=True)
 def _remove(columns, refined, num_refined):  # type: ignore[no-untyped-def]
     """Remove soil as `_remove_from_columns`; `refined` has the fields of `RefinedArrays`."""
     moments, subcolumn_height = refined.removed_moments, refined.subcolumn_height

@@ -75,7 +75,7 @@ def _pairs_between(di: int, dj: int) -> list[tuple[tuple[int, int], tuple[int, i
     ]
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def is_tool_between(occupied, between, i, k):  # type: ignore[no-untyped-def]
     """Return whether a tool is between column i and its neighbour k.
 

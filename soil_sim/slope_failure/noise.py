@@ -74,7 +74,7 @@ def surface_tilt(params: SoilParams, grid: Grid) -> NDArray[np.float32]:
     return rng.uniform(-amplitude, amplitude, (*grid.shape, 2)).astype(np.float32)
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def random_uniform(state):  # type: ignore[no-untyped-def]
     """Return the next random number from 0 to 1 (xorshift64*, Vigna 2016).
 

@@ -11,11 +11,9 @@ its longer side to the other, so that soil stays at that end and on that side at
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import helper
 from soil_sim.columns.operations import add_loose, remove_from_column
-from soil_sim.columns.state import Columns
 
 __all__ = ["redistribute"]
 
@@ -23,63 +21,62 @@ _STRIP_WIDTH = 8
 """Width of the strips in which a path crosses a failure [cells]: a cache line of a layer."""
 
 
-def redistribute(
-    columns: Columns, corner: tuple[int, int], change: NDArray[np.float64], reach: int
-) -> NDArray[np.int64]:
+@helper(allocates=True)
+def redistribute(columns, cells, rows, cols, change, shape, reach):  # type: ignore[no-untyped-def]
     """Apply planned height changes of a window, failure by failure.
 
     Args:
-        columns: the terrain; changed.
-        corner: (row, col) of the first column of the window.
-        change: planned changes of height [m], shape (rows, cols) of the window.
+        columns: `ColumnArrays` of the terrain; changed.
+        cells: flat indices of the columns that lose or gain, at least one.
+        rows, cols: their position in the window [cells].
+        change: planned changes of height [m], none of them 0.
+        shape: rows and columns of the window.
         reach: maximum distance that soil slides at once [cells].
-
-    Returns:
-        Flat indices of the columns that lose or gain.
     """
-    rows, cols = np.nonzero(change)
-    if rows.size == 0:
-        return np.zeros(0, dtype=np.int64)
-    failure = _label_balanced_failures(change, rows, cols, reach)
+    failure = _label_balanced_failures(rows, cols, change, shape, reach)
     order, bounds = _order_along_paths(failure, rows, cols)
-    cells = (rows + corner[0]) * columns.grid.cols + cols + corner[1]
-    _redistribute(columns.arrays, cells[order], change[rows, cols][order], bounds)
-    return np.asarray(cells, dtype=np.int64)
+    _redistribute(columns, cells[order], change[order], bounds)
 
 
-def _label_balanced_failures(
-    change: NDArray[np.float64], rows: NDArray[np.intp], cols: NDArray[np.intp], reach: int
-) -> NDArray[np.int64]:
-    """Return the number of the failure that each changed column belongs to.
+@helper(allocates=True)
+def _label_balanced_failures(rows, cols, change, shape, reach):  # type: ignore[no-untyped-def]
+    """Return the number of the failure that each changed column belongs to, from 1.
 
     Every failure has columns that lose and columns that gain. Soil may have moved between them over
     columns that did not change: the side of the blocks that connect columns is doubled until all
     failures are balanced.
     """
-    is_loss, has_changed, side = change[rows, cols] < 0.0, change != 0.0, reach
+    side = reach
     while True:
-        failure = _label_failures(has_changed, side)[rows, cols]
-        has_losses = np.bincount(failure, is_loss) > 0
-        has_gains = np.bincount(failure, ~is_loss) > 0
-        if (has_losses == has_gains).all() or side >= max(change.shape):
-            return np.asarray(failure, dtype=np.int64)
+        failure, count = _label_failures(rows, cols, shape, side)
+        if side >= max(shape) or _is_balanced(failure, count, change):
+            return failure
         side *= 2
 
 
-@kernel
-def _label_failures(has_changed, side):  # type: ignore[no-untyped-def]
-    """Return the number of the failure of each changed column, from 1; 0 for unchanged ones.
+@helper(allocates=True)
+def _is_balanced(failure, count, change):  # type: ignore[no-untyped-def]
+    """Return whether each of `count` failures has columns that lose and columns that gain."""
+    has_loss, has_gain = np.zeros(count + 1, np.bool_), np.zeros(count + 1, np.bool_)
+    for m in range(failure.size):
+        if change[m] < 0.0:
+            has_loss[failure[m]] = True
+        else:
+            has_gain[failure[m]] = True
+    return (has_loss == has_gain).all()
+
+
+@helper(allocates=True)
+def _label_failures(rows, cols, shape, side):  # type: ignore[no-untyped-def]
+    """Return the number of the failure of each changed column, from 1, and that of failures.
 
     Connected components of square blocks of `side` columns: two columns belong to one failure if
     their blocks are adjacent, or connected by adjacent blocks with changed columns.
     """
-    rows, cols = has_changed.shape
-    block_rows, block_cols = -(-rows // side), -(-cols // side)
+    block_rows, block_cols = -(-shape[0] // side), -(-shape[1] // side)
     block = np.zeros((block_rows, block_cols), dtype=np.int64)  # -1: changed, without a number yet
-    for i in range(rows):
-        for j in range(cols):
-            if has_changed[i, j]:
-                block[i // side, j // side] = -1
+    for m in range(rows.size):
+        block[rows[m] // side, cols[m] // side] = -1
     stack = np.empty((block.size, 2), dtype=np.int64)
     count = 0
     for i in range(block_rows):
@@ -87,12 +84,10 @@ def _label_failures(has_changed, side):  # type: ignore[no-untyped-def]
             if block[i, j] < 0:
                 count += 1
                 _fill_component(block, i, j, count, stack)
-    failure = np.zeros((rows, cols), dtype=np.int64)
-    for i in range(rows):
-        for j in range(cols):
-            if has_changed[i, j]:
-                failure[i, j] = block[i // side, j // side]
-    return failure
+    failure = np.empty(rows.size, dtype=np.int64)
+    for m in range(rows.size):
+        failure[m] = block[rows[m] // side, cols[m] // side]
+    return failure, count
 
 
 @helper
@@ -112,7 +107,7 @@ def _fill_component(block, i, j, number, stack):  # type: ignore[no-untyped-def]
                     size += 1
 
 
-@kernel
+@helper(allocates=True)
 def _order_along_paths(failure, rows, cols):  # type: ignore[no-untyped-def]
     """Return the order of columns along the path through their failure.
 
@@ -160,7 +155,7 @@ def _order_along_paths(failure, rows, cols):  # type: ignore[no-untyped-def]
     return order, bounds
 
 
-@kernel
+@helper(allocates=True)
 def _redistribute(columns, cells, change, bounds):  # type: ignore[no-untyped-def]
     """Remove soil from the columns that lose height, and divide it among those that gain.
 
@@ -219,7 +214,7 @@ def _redistribute(columns, cells, change, bounds):  # type: ignore[no-untyped-de
                     lot += 1
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _add_lot(columns, i, bank, kind, moisture):  # type: ignore[no-untyped-def]
     """Deposit soil of a bank volume [mm^3], freshly loosened, on column i."""
     bulk = np.int64(bank * columns.bulking_factor[kind] + 0.5)

@@ -211,7 +211,7 @@ def _find_target(  # type: ignore[no-untyped-def]
     return target, target_excess, target_firm_excess, is_firm_steep
 
 
-@helper
+@helper(allocates=True)
 def _index_offsets(params):  # type: ignore[no-untyped-def]
     """Return the offsets of the flat indices of the neighbours, shape (n,), int64."""
     index_offset = np.empty(params.distance.size, dtype=np.int64)
@@ -258,7 +258,7 @@ def _enqueue_steep_above(columns, params, i, queue):  # type: ignore[no-untyped-
         enqueue_unstable_above(columns, params, i, queue)
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _move_soil(columns, i, j, excess, firm_excess, max_layer):  # type: ignore[no-untyped-def]
     """Move soil from column i to j so that half of an excess of height [m] is removed.
 

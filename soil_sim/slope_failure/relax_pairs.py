@@ -1,4 +1,4 @@
-"""Kernels of a relaxation pass: relax all pairs of columns of a window once.
+"""Kernels of relaxation passes: each relaxes all pairs of columns of a window once.
 
 In every direction in which a neighbour can lie, the columns are divided into pairs, with no column
 in two pairs at a time, and the higher column of a pair gives the excess of height to the lower one.
@@ -16,7 +16,11 @@ from numpy.typing import NDArray
 from msg_bridge.kernels import helper, kernel
 from soil_sim.slope_failure.neighbourhood import columns_between
 
-__all__ = ["PairDirections", "RetainedPairs", "pair_directions", "relax_pass", "retained_pairs"]
+__all__ = ["PairDirections", "RetainedPairs", "pair_directions", "relax_passes", "retained_pairs"]
+
+_INITIAL_FRACTION, _FINAL_FRACTION, _RAMP_PASSES = 0.5, 0.9, 8
+"""Fraction of an excess that a column gives: first, later, and the number of passes between. A
+larger fraction is faster, but a tall heap would spread too far at first."""
 
 
 class PairDirections(NamedTuple):
@@ -83,54 +87,82 @@ def pair_directions(
     )
 
 
-def retained_pairs(is_wall: NDArray[np.bool_], directions: PairDirections) -> RetainedPairs:
-    """Return the pairs of a window between which a wall is.
+@helper(allocates=True)
+def retained_pairs(is_wall, directions):  # type: ignore[no-untyped-def]
+    """Return the `RetainedPairs` of a window.
 
     Args:
         is_wall: columns of the wall, shape (rows, cols).
-        directions: directions of the pairs.
+        directions: `PairDirections`.
     """
-    starts = np.zeros(2 * len(directions.offsets) + 1, dtype=np.int64)
-    if not is_wall.any():
-        return RetainedPairs(np.zeros((0, 2), dtype=np.int64), starts)
-    walls = np.ascontiguousarray(np.argwhere(is_wall))
-    found = _find_retained(is_wall, walls, directions.offsets, directions.between)
-    group = found[:, 0]
-    starts[1:] = np.cumsum(np.bincount(group, minlength=starts.size - 1))
-    return RetainedPairs(found[np.argsort(group, kind="stable"), 1:], starts)
-
-
-@kernel
-def _find_retained(is_wall, walls, offsets, between):  # type: ignore[no-untyped-def]
-    """Return (number of the half of the direction, flat indices of both columns) of each pair."""
     rows, cols = is_wall.shape
-    found = np.empty((walls.shape[0] * offsets.shape[0] * between.shape[1], 3), dtype=np.int64)
+    offsets, between = directions.offsets, directions.between
+    walls = _wall_faces(is_wall)
+    found = np.empty((walls.shape[0] * offsets.shape[0] * between.shape[1], 2), dtype=np.int64)
+    group = np.empty(found.shape[0], dtype=np.int64)
+    starts = np.zeros(2 * offsets.shape[0] + 1, dtype=np.int64)
     count = 0
     for w in range(walls.shape[0]):
         for k in range(offsets.shape[0]):
+            di, dj = offsets[k, 0], offsets[k, 1]
             for n in range(between.shape[1]):
-                (ar, ac), (br, bc) = between[k, n]
+                ar, ac = between[k, n, 0, 0], between[k, n, 0, 1]
+                br, bc = between[k, n, 1, 0], between[k, n, 1, 1]
                 if ar == 0 and ac == 0:
                     continue
                 row, col = walls[w, 0] - ar, walls[w, 1] - ac
-                to_row, to_col = row + offsets[k, 0], col + offsets[k, 1]
+                to_row, to_col = row + di, col + dj
                 if not (0 <= row < rows and 0 <= col < cols):
                     continue
                 if not (0 <= to_row < rows and 0 <= to_col < cols):
                     continue
                 if is_wall[row, col] or is_wall[to_row, to_col] or not is_wall[row + br, col + bc]:
                     continue
-                di, dj = offsets[k]
                 half = (row // di if di > 0 else col // dj) % 2
-                found[count, 0] = 2 * k + half
-                found[count, 1], found[count, 2] = row * cols + col, to_row * cols + to_col
+                group[count] = 2 * k + half
+                starts[group[count] + 1] += 1
+                found[count, 0], found[count, 1] = row * cols + col, to_row * cols + to_col
                 count += 1
-    return found[:count]
+    for g in range(starts.size - 1):
+        starts[g + 1] += starts[g]
+    cells, next_of_group = np.empty((count, 2), dtype=np.int64), starts.copy()
+    for m in range(count):
+        at = next_of_group[group[m]]
+        cells[at, 0], cells[at, 1] = found[m, 0], found[m, 1]
+        next_of_group[group[m]] += 1
+    return RetainedPairs(cells, starts)
+
+
+@helper(allocates=True)
+def _wall_faces(is_wall):  # type: ignore[no-untyped-def]
+    """Return (row, col) of the columns of a wall beside one that is not of it, shape (n, 2).
+
+    Every line through the wall enters it in one of these.
+    """
+    rows, cols = is_wall.shape
+    faces, count = np.empty((is_wall.size, 2), dtype=np.int64), 0
+    for i in range(rows):
+        for j in range(cols):
+            if not is_wall[i, j]:
+                continue
+            is_inside = (
+                (i == 0 or is_wall[i - 1, j])
+                and (i == rows - 1 or is_wall[i + 1, j])
+                and (j == 0 or is_wall[i, j - 1])
+                and (j == cols - 1 or is_wall[i, j + 1])
+            )
+            if not is_inside:
+                faces[count, 0], faces[count, 1] = i, j
+                count += 1
+    return faces[:count]
 
 
 @kernel
-def relax_pass(heights, floor, tangents, directions, retained, fraction, backward):  # type: ignore[no-untyped-def]
-    """Relax all pairs of a window once, in every direction.
+def relax_passes(heights, floor, tangents, directions, retained, num_done, max_passes):  # type: ignore[no-untyped-def]
+    """Relax all pairs of a window, pass by pass, until nothing moves.
+
+    Pairs of rows in which nothing has moved since they were relaxed last are skipped: nothing would
+    move between them.
 
     Args:
         heights: surface [m], shape (rows, cols), float32; changed.
@@ -138,28 +170,65 @@ def relax_pass(heights, floor, tangents, directions, retained, fraction, backwar
         tangents: tangent of the angle of repose of each column, shape (rows, cols), float32.
         directions: `PairDirections`.
         retained: `RetainedPairs`.
-        fraction: fraction of the excess that the higher column gives, float32.
-        backward: whether to take the directions in reverse order.
+        num_done: number of passes over the failure in earlier calls.
+        max_passes: maximum number of passes.
 
     Returns:
-        Whether any soil moved, int32.
+        (whether the last pass moved anything; number of passes).
+    """
+    # Times are numbers of steps; in a step, one half of the pairs of a direction is relaxed.
+    moved_at = np.zeros(heights.shape[0], np.int64)
+    relaxed_at = np.full(2 * directions.offsets.shape[0], -1, np.int64)
+    step = 0
+    for n in range(max_passes):
+        ramp = min((num_done + n) / _RAMP_PASSES, 1.0)
+        fraction = np.float32(_INITIAL_FRACTION + (_FINAL_FRACTION - _INITIAL_FRACTION) * ramp)
+        has_moved = _relax_pass(
+            heights, floor, tangents, directions, retained, fraction, (num_done + n) % 2 == 1,
+            moved_at, relaxed_at, step,
+        )  # fmt: skip
+        if not has_moved:
+            return False, n + 1
+        step += relaxed_at.size
+    return True, max_passes
+
+
+@helper(allocates=True)
+def _relax_pass(  # type: ignore[no-untyped-def]
+    heights, floor, tangents, directions, retained, fraction, backward, moved_at, relaxed_at, step
+):
+    """Relax all pairs of a window once, in every direction.
+
+    Args:
+        heights, floor, tangents, directions, retained: see `relax_passes`.
+        fraction: fraction of the excess that the higher column gives, float32.
+        backward: whether to take the directions in reverse order.
+        moved_at: step in which soil moved last in each row, shape (rows,); updated.
+        relaxed_at: step in which each half of the pairs of each direction was relaxed last, -1 for
+            never, shape (2 directions,); updated.
+        step: number of the first step of the pass.
+
+    Returns:
+        Whether any soil moved.
     """
     rows, cols = heights.shape
     flat_heights = heights.reshape(-1)
     surface = (flat_heights, floor.reshape(-1), tangents.reshape(-1))
     count = directions.offsets.shape[0]
-    has_moved = np.int32(0)
+    has_moved = False
     heights_before = np.empty((retained.cells.shape[0], 2), np.float32)
     is_in_half, transfers = np.empty(cols, np.float32), np.empty(cols, np.float32)
     for n in range(count):
         k = count - 1 - n if backward else n
-        di, dj = directions.offsets[k]
+        di, dj = directions.offsets[k, 0], directions.offsets[k, 1]
         if di >= rows or abs(dj) >= cols:
             continue
         first, end = max(0, -dj), min(cols, cols - dj)
         limit = (directions.distance[k], directions.tolerance[k], fraction)
         # No column is in two pairs at a time: one half of the pairs, then the other half.
         for half in range(2):
+            last = relaxed_at[2 * k + half]
+            relaxed_at[2 * k + half] = step
             group = retained.cells[
                 retained.starts[2 * k + half] : retained.starts[2 * k + half + 1]
             ]
@@ -167,15 +236,23 @@ def relax_pass(heights, floor, tangents, directions, retained, fraction, backwar
             if di == 0:
                 _in_half(is_in_half, dj, half)
             for i in range(rows - di):
+                if max(moved_at[i], moved_at[i + di]) < last:
+                    continue
                 a, b = np.uint64(i * cols + first), np.uint64((i + di) * cols + first + dj)
                 if di == 0:
                     scratch = (is_in_half[: cols - dj], transfers[: cols - dj])
-                    has_moved |= _relax_within_row(*surface, a, b, *scratch, *limit)
+                    moved = _relax_within_row(*surface, a, b, *scratch, *limit)
                 elif (i // di) % 2 == half:
-                    has_moved |= _relax_between_rows(*surface, a, b, np.uint64(end - first), *limit)
+                    moved = _relax_between_rows(*surface, a, b, np.uint64(end - first), *limit)
+                else:
+                    continue
+                if moved:
+                    has_moved = True
+                    moved_at[i] = moved_at[i + di] = step
             for m in range(group.shape[0]):
                 for end_of_pair in range(2):
                     flat_heights[group[m, end_of_pair]] = heights_before[m, end_of_pair]
+            step += 1
     return has_moved
 
 

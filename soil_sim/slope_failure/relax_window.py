@@ -12,20 +12,23 @@ column afterwards.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from soil_sim.columns.state import Columns
+from msg_bridge.kernels import BoxedTable, box_table, fixed_signature_kernel, helper
 from soil_sim.slope_failure.redistribute import redistribute
 from soil_sim.slope_failure.relax_pairs import (
     PairDirections,
     pair_directions,
-    relax_pass,
+    relax_passes,
     retained_pairs,
 )
 from soil_sim.slope_failure.relaxation_parameters import RelaxationParameters
+from soil_sim.slope_failure.wedge_failure import fail_wedges
 from soil_sim.slope_failure.window import WindowBounds
-from soil_sim.slope_failure.window_surface import WindowSurface, copy_surface
+from soil_sim.slope_failure.window_surface import WALL_HEIGHT, copy_surface
 
 __all__ = ["WindowRelaxation"]
 
@@ -38,9 +41,17 @@ _PAIRS_PER_VISIT = 100
 _MAX_PASSES = 12
 """Passes after which the window is adapted to the spread of the failure."""
 
-_INITIAL_FRACTION, _FINAL_FRACTION, _RAMP_PASSES = 0.5, 0.9, 8
-"""Fraction of an excess that a column gives: first, later, and the number of passes between. A
-larger fraction is faster, but a tall heap would spread too far at first."""
+
+class _WindowDirections(NamedTuple):
+    """Directions of the pairs of a pass over a window.
+
+    Attributes:
+        uniform: for windows with one angle of repose.
+        varying: for all others.
+    """
+
+    uniform: PairDirections
+    varying: PairDirections
 
 
 class WindowRelaxation:
@@ -50,18 +61,22 @@ class WindowRelaxation:
         total_passes: number of passes since creation.
     """
 
-    def __init__(self, columns: Columns, params: RelaxationParameters) -> None:
+    def __init__(self, slopes: BoxedTable) -> None:
         """
         Args:
-            columns: terrain to relax.
-            params: angles of repose, neighbourhood and tolerance.
+            slopes: `SlopeArrays` of the terrain to relax, boxed.
         """
-        self._columns, self._params = columns, params
-        self._directions, self._all_directions = (
-            pair_directions(
-                params.offsets, columns.grid.cell, params.tolerance, is_uniform=is_uniform
+        params: RelaxationParameters = slopes.source.params
+        self._slopes, self._shape, self._reach = slopes, (params.rows, params.cols), params.reach
+        self._directions: BoxedTable = box_table(
+            _WindowDirections(
+                *(
+                    pair_directions(
+                        params.offsets, params.distance[0], params.tolerance, is_uniform=is_uniform
+                    )
+                    for is_uniform in (True, False)
+                )
             )
-            for is_uniform in (True, False)
         )
         self._margin = _MARGIN_CELLS + params.reach
         self._active_bounds: WindowBounds | None = None
@@ -91,44 +106,36 @@ class WindowRelaxation:
         bounds = self._bounds_with_margin(cells)
         return bounds if self._active_bounds is None else bounds.union(self._active_bounds)
 
-    def relax(
-        self,
-        bounds: WindowBounds,
-        pending: NDArray[np.int64],
-        occupied: NDArray[np.uint8],
-        budget: int,
-    ) -> int:
+    def relax(self, bounds: WindowBounds, pending: NDArray[np.int64], budget: int) -> int:
         """Relax a window, from where the last call ended, until it is at rest or a budget is spent.
 
-        Once it is at rest, `pop_touched` has the columns to relax one by one.
+        Unstable faces fail first. Once the window is at rest, `pop_touched` has the columns to
+        relax one by one.
 
         Args:
             bounds: window of `bounds_including`.
             pending: flat indices of columns to relax one by one afterwards: only that detects a
                 drop beyond a neighbour that is stable.
-            occupied: marks of `columns.occupancy`, shape (rows, cols).
             budget: number of cell visits; one pass is made at least.
 
         Returns:
             The cost in cell visits.
         """
-        surface = copy_surface(self._columns, self._params, occupied, bounds)
-        heights = surface.heights.copy()
-        pass_cost = self._pass_cost(surface)
-        max_passes = max(1, min(budget // pass_cost, _MAX_PASSES))
+        max_passes = _MAX_PASSES
         if self._active_bounds is None:
             # The first pass shows where anything moves at all, and loosens the soil. Not more at
             # once: the soil swells when the plan is applied, which makes slopes gentler.
             self._num_passes, max_passes = 0, 1
-        has_moved = self._run_passes(heights, surface, max_passes)
-        corner = (bounds.first_row, bounds.first_col)
-        change = surface.changes_of(heights)
-        cells = redistribute(self._columns, corner, change, self._params.reach)
+        cells, has_moved, num_passes, cost = _relax_window(
+            self._slopes, self._directions, *bounds, self._num_passes, max_passes, budget
+        )
+        self._num_passes += num_passes
+        self.total_passes += num_passes
         self._touched += [cells, pending]
         # Columns that have not moved are at rest, except around those that have.
         is_running = has_moved and cells.size > 0
         self._active_bounds = self._bounds_with_margin(cells) if is_running else None
-        return max_passes * pass_cost
+        return int(cost)
 
     def pop_touched(self) -> NDArray[np.int64]:
         """Return the columns to relax one by one: near those pending, or that lost or gained.
@@ -138,7 +145,7 @@ class WindowRelaxation:
         Returns:
             Flat indices, sorted.
         """
-        cols = self._columns.grid.cols
+        cols = self._shape[1]
         parts = self._touched.copy()
         if self._active_bounds is not None:
             parts.append(self._active_bounds.cells(cols))
@@ -151,51 +158,71 @@ class WindowRelaxation:
         i, j = np.divmod(cells, cols)
         is_far = np.ones(bounds.shape, dtype=np.uint8)
         is_far[i - bounds.first_row, j - bounds.first_col] = 0
-        near_rows, near_cols = np.nonzero(_window_min(is_far, self._params.reach) == 0)
+        near_rows, near_cols = np.nonzero(_window_min(is_far, self._reach) == 0)
         return (near_rows + bounds.first_row) * cols + near_cols + bounds.first_col
-
-    def _directions_of(self, surface: WindowSurface) -> PairDirections:
-        """Return the directions in which pairs of a window are relaxed."""
-        return self._directions if surface.is_uniform else self._all_directions
-
-    def _pass_cost(self, surface: WindowSurface) -> int:
-        """Return the cost of a pass [cell visits]."""
-        num_pairs = surface.heights.size * len(self._directions_of(surface).offsets)
-        return max(1, num_pairs // _PAIRS_PER_VISIT)
-
-    def _run_passes(
-        self, heights: NDArray[np.float32], surface: WindowSurface, max_passes: int
-    ) -> bool:
-        """Run passes until nothing moves; return whether the last one moved anything."""
-        directions = self._directions_of(surface)
-        retained = retained_pairs(surface.is_wall, directions)
-        has_moved = True
-        done = 0
-        while has_moved and done < max_passes:
-            ramp = min(self._num_passes / _RAMP_PASSES, 1.0)
-            fraction = _INITIAL_FRACTION + (_FINAL_FRACTION - _INITIAL_FRACTION) * ramp
-            backward = self._num_passes % 2 == 1
-            has_moved = bool(
-                relax_pass(
-                    heights,
-                    surface.floor,
-                    surface.tangents,
-                    directions,
-                    retained,
-                    np.float32(fraction),
-                    backward,
-                )
-            )
-            self._num_passes += 1
-            done += 1
-        self.total_passes += done
-        return has_moved
 
     def _bounds_with_margin(self, cells: NDArray[np.int64]) -> WindowBounds:
         """Return the window with some columns (flat indices) and the margin around them."""
-        grid = self._columns.grid
-        bounds = WindowBounds.enclosing(cells, grid.cols)
-        return bounds.expanded(self._margin, grid.shape)
+        bounds = WindowBounds.enclosing(cells, self._shape[1])
+        return bounds.expanded(self._margin, self._shape)
+
+
+@fixed_signature_kernel
+def _relax_window(  # type: ignore[no-untyped-def]
+    slopes, boxed_directions, first_row, end_row, first_col, end_col, num_done, max_passes, budget
+):
+    """Plan the relaxation of a window on a copy of its surface, and apply it.
+
+    Args:
+        slopes: `SlopeArrays`, boxed; the columns and the queue are changed.
+        boxed_directions: `_WindowDirections`, boxed.
+        first_row, end_row, first_col, end_col: see `WindowBounds`.
+        num_done: number of passes over the failure in earlier calls.
+        max_passes: maximum number of passes.
+        budget: number of cell visits; one pass is made at least.
+
+    Returns:
+        (flat indices of the columns that lost or gained; whether the last pass moved anything;
+        number of passes; cost in cell visits).
+    """
+    columns, params, occupied, queue = slopes.table
+    bounds = WindowBounds(first_row, end_row, first_col, end_col)
+    fail_wedges(columns, params, occupied, queue, bounds)
+    surface = copy_surface(columns, params, occupied, bounds)
+    all_directions = boxed_directions.table
+    directions = all_directions.uniform if surface.is_uniform else all_directions.varying
+    num_pairs = surface.heights.size * directions.offsets.shape[0]
+    pass_cost = max(1, num_pairs // _PAIRS_PER_VISIT)
+    max_passes = max(1, min(budget // pass_cost, max_passes))
+    heights = surface.heights.copy()
+    retained = retained_pairs(surface.heights >= WALL_HEIGHT, directions)
+    has_moved, num_passes = relax_passes(
+        heights, surface.floor, surface.tangents, directions, retained, num_done, max_passes
+    )
+    rows, cols, change = _planned_changes(surface, heights)
+    cells = (rows + first_row) * params.cols + cols + first_col
+    if cells.size > 0:
+        shape = (end_row - first_row, end_col - first_col)
+        redistribute(columns, cells, rows, cols, change, shape, params.reach)
+    return cells, has_moved, num_passes, max_passes * pass_cost
+
+
+@helper(allocates=True)
+def _planned_changes(surface, heights):  # type: ignore[no-untyped-def]
+    """Return where heights differ from a surface: (row, column in the window, difference [m])."""
+    num_rows, num_cols = heights.shape
+    if surface.is_transposed:
+        num_rows, num_cols = num_cols, num_rows
+    count = 0
+    rows, cols = np.empty(heights.size, np.int64), np.empty(heights.size, np.int64)
+    change = np.empty(heights.size)
+    for i in range(num_rows):
+        for j in range(num_cols):
+            a, b = (j, i) if surface.is_transposed else (i, j)
+            change[count] = heights[a, b] - surface.heights[a, b]
+            rows[count], cols[count] = i, j
+            count += change[count] != 0.0
+    return rows[:count].copy(), cols[:count].copy(), change[:count].copy()
 
 
 def _window_min(values: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:

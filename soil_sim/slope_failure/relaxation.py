@@ -34,7 +34,6 @@ from soil_sim.slope_failure.relax_window import WindowRelaxation
 from soil_sim.slope_failure.relaxation_parameters import SlopeArrays, relaxation_parameters
 from soil_sim.slope_failure.runout import ColumnShares, deposit_with_runout
 from soil_sim.slope_failure.slope_excess import max_slope_excess
-from soil_sim.slope_failure.wedge_failure import fail_wedges
 
 __all__ = ["SlopeRelaxation"]
 
@@ -91,7 +90,7 @@ class SlopeRelaxation:
         self.is_enabled = True
         self.uses_windows = uses_windows
         self._first_index: NDArray[np.int32] = np.zeros(columns.height.size, dtype=np.int32)
-        self._window_relaxation = WindowRelaxation(columns, self._params)
+        self._window_relaxation = WindowRelaxation(self._boxed_slopes)
         self._has_jitter = noise.jitter > 0.0
         self._num_visits = 0  # since all was at rest, or since the last window
         self._num_left_by_window = 0  # queued columns that the last window left
@@ -206,8 +205,7 @@ class SlopeRelaxation:
         window, pending = self._window_relaxation, queued_cells(self._queue)
         bounds = window.bounds_including(pending)
         clear(self._queue)
-        fail_wedges(self._boxed_slopes, bounds)
-        cost = window.relax(bounds, pending, self.occupied, budget)
+        cost = window.relax(bounds, pending, budget)
         if not window.is_running:
             # The remaining excess is small, and is relaxed column by column.
             self._enqueue(window.pop_touched(), include_neighbours=False, is_lowered=True)

@@ -176,7 +176,7 @@ def _keep_pending(volumes, pending, count):  # type: ignore[no-untyped-def]
     return kept
 
 
-@helper
+@helper(allocates=True)
 def _list_neighbours(params):  # type: ignore[no-untyped-def]
     """List the neighbours of an interior column twice: forward, then backward.
 

@@ -21,7 +21,7 @@ import math
 
 import numpy as np
 
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import helper
 from soil_sim.columns.occupancy import TOOL_INSIDE
 from soil_sim.columns.operations import add_loose, firm_top, remove_firm
 from soil_sim.slope_failure.cell_queue import enqueue
@@ -34,15 +34,14 @@ _SPREAD = 0.4
 two columns beside each other whose directions differ by less than 44 degrees."""
 
 
-@kernel
-def fail_wedges(slopes, bounds):  # type: ignore[no-untyped-def]
+@helper
+def fail_wedges(columns, params, occupied, queue, bounds):  # type: ignore[no-untyped-def]
     """Loosen the wedges of all unstable faces of a window.
 
     Args:
-        slopes: `SlopeArrays`, boxed; the columns and the queue are changed.
+        columns, params, occupied, queue: see `SlopeArrays`; the columns and the queue are changed.
         bounds: `WindowBounds`.
     """
-    columns, params, occupied, queue = slopes.table
     limit = params.stability.neighbour_height
     for row in range(bounds.first_row, bounds.end_row):
         for col in range(bounds.first_col, bounds.end_col):

@@ -54,7 +54,7 @@ _PAD_POINT, _PAD_NORMAL, _PAD_AREA, _PAD_IS_FLOOR, _PAD_SIZE = 0, 3, 6, 7, 8
 direction of the bearing force (3), its area [m^2], whether it is at the floor of the terrain."""
 
 
-@helper(inline="always")
+@helper(allocates=True, forceinline=True)
 def add_bearing_force(points, origin, columns, grid_layout, strength, sums):  # type: ignore[no-untyped-def]
     """Add the maximum bearing force on a tool at the end of its tick.
 
@@ -122,7 +122,7 @@ def add_bearing_force(points, origin, columns, grid_layout, strength, sums):  # 
     _add_edge_bearing(points, origin, columns, grid_layout, strength, sums)
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _add_edge_bearing(points, origin, columns, grid_layout, strength, sums):  # type: ignore[no-untyped-def]
     """Add the maximum bearing force on the cutting edge, along its plate."""
     left, right = key_point(points, 0, 1), key_point(points, 1, 1)

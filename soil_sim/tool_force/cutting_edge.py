@@ -104,7 +104,7 @@ class _Travel(NamedTuple):
     dive_factor: float
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _travel(points):  # type: ignore[no-untyped-def]
     """Return the travel of a tool from its key points, shape (rows, 2, 3)."""
     none = _Travel((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -146,7 +146,7 @@ def _travel(points):  # type: ignore[no-untyped-def]
     return _Travel(t, n, (ax, ay), width, rake, top - edge[2], climb, dive_factor)
 
 
-@helper(inline="always")
+@helper(allocates=True, forceinline=True)
 def add_edge_force(points, origin, columns, grid_layout, strength, sums):  # type: ignore[no-untyped-def]
     """Add the resistance to the cutting edge of a tool in a tick.
 
@@ -219,7 +219,7 @@ def _rake_below(points, travel, depth):  # type: ignore[no-untyped-def]
     return math.atan2(beside, behind) if beside > 0.0 else travel.rake
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _turn_and_depth_factor(travel, slope):  # type: ignore[no-untyped-def]
     """Return the angle by which the travel turns the blade, and the depth that resists.
 
@@ -244,7 +244,7 @@ def _turn_and_depth_factor(travel, slope):  # type: ignore[no-untyped-def]
     return turn, max(travel.normal[2], 0.0) / cos * math.cos(rest)
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _end_fraction(end, outward, travel, columns, grid_layout, samples):  # type: ignore[no-untyped-def]
     """Return the fraction of a crescent that fails beside an end of an edge.
 

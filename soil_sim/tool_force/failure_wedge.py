@@ -57,7 +57,7 @@ _NUM_NEWTON_STEPS = 4
 """Steps of the search for the plane with crescents; it has converged to 1e-6 after three."""
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def clamp_angles(rake, phi, delta):  # type: ignore[no-untyped-def]
     """Return (rake, phi, delta), clamped to the limits of the theory."""
     # min and max would drop a NaN; comparisons do not.
@@ -140,7 +140,7 @@ def wedge_force(  # type: ignore[no-untyped-def]
     return horizontal, adhesive * math.sin(rake) - push * math.cos(rake + delta)
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _clamp_slope(slope, rake, phi, delta):  # type: ignore[no-untyped-def]
     """Return the slope of the surface, clamped to the limits of the theory."""
     lowest = max(-phi, MIN_RAKE - rake)
@@ -179,7 +179,7 @@ def _failure_plane(rake, slope, phi, delta, weight, cohesive, adhesive):  # type
     return y, a, b, c
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _cos_crescent(cot_face, cot_plane):  # type: ignore[no-untyped-def]
     """Return the cosine of the angle of a crescent."""
     return min(max(cot_face / (cot_face + cot_plane), 0.0), 1.0)

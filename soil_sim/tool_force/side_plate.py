@@ -25,7 +25,7 @@ _MIN_LATERAL_FRACTION = 0.02
 """Minimum sideways part of the travel; below it a side has no resistance."""
 
 
-@helper(inline="always")
+@helper(allocates=True, forceinline=True)
 def add_side_plate_force(points, origin, columns, grid_layout, strength, sums):  # type: ignore[no-untyped-def]
     """Add the resistance to the leading side of a tool in a tick.
 
@@ -85,7 +85,7 @@ def _position_along_side(points, row, ax, ay):  # type: ignore[no-untyped-def]
     return points[row, 1, 1] * ax - points[row, 1, 0] * ay
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _side_outline_at(points, first, ax, ay, at):  # type: ignore[no-untyped-def]
     """Return the lowest point (x, y, z) of the outline of a side, and its highest z [m].
 

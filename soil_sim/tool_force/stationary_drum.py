@@ -22,7 +22,7 @@ _MIN_ROWS = 8
 """Minimum number of key points of a drum."""
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def is_drum(points):  # type: ignore[no-untyped-def]
     """Return whether key points, shape (rows, 2, 3), form a closed ring, that of a drum."""
     rows = len(points)
@@ -61,7 +61,7 @@ def _contact_column(at, out, columns, grid_layout):  # type: ignore[no-untyped-d
     return i
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _drum_center(points, pairs, time):  # type: ignore[no-untyped-def]
     """Return the mean of the key points of a drum [m], at the start (0) or end (1) of the tick."""
     axis = (0.0, 0.0, 0.0)
@@ -70,7 +70,7 @@ def _drum_center(points, pairs, time):  # type: ignore[no-untyped-def]
     return axis
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def add_stationary_drum_force(points, origin, columns, grid_layout, strength, sums):  # type: ignore[no-untyped-def]
     """Add the bearing force on a drum at the end of its tick.
 

@@ -131,7 +131,7 @@ def _line(samples, start, spacing, near_tangent):  # type: ignore[no-untyped-def
     return mean - 0.5 * end * tangent, tangent
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _limited(tangent):  # type: ignore[no-untyped-def]
     """Return a slope, limited to that of a surface."""
     return min(max(tangent, -_MAX_TANGENT), _MAX_TANGENT)
@@ -170,7 +170,7 @@ def _firm_height_at(x, y, columns, grid_layout):  # type: ignore[no-untyped-def]
     return total
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _position_between_columns(x, y, grid_layout):  # type: ignore[no-untyped-def]
     """Return the flat index of the first of the four columns around a point, and fractions.
 

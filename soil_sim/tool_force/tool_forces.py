@@ -136,7 +136,7 @@ def _blade_forces(rows, points, first, ground):  # type: ignore[no-untyped-def]
     return _force_rows(rows, first, wrenches), wrenches, has_drums
 
 
-@helper
+@helper(allocates=True)
 def _blade_wrenches(rows, points, first, ground):  # type: ignore[no-untyped-def]
     """Return the wrenches of all tools but drums, and whether there are drums that do not mill.
 
@@ -192,7 +192,7 @@ def _stationary_drum_forces(rows, points, first, ground, wrenches):  # type: ign
     return _force_rows(rows, first, wrenches)
 
 
-@helper
+@helper(allocates=True)
 def _force_rows(rows, first, wrenches):  # type: ignore[no-untyped-def]
     """Return FORCE rows: cutting or milling of each tool, then bearing where it is not zero."""
     tools = first.size

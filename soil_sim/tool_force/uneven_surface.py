@@ -72,7 +72,7 @@ def uneven_surface_factor(  # type: ignore[no-untyped-def]
     return least / line_least
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _area_to_face(height, tangent, face):  # type: ignore[no-untyped-def]
     """Return the area behind an edge, between the face and a surface that is extended [m^2].
 
@@ -85,7 +85,7 @@ def _area_to_face(height, tangent, face):  # type: ignore[no-untyped-def]
     return 0.5 * height * height * cos / max(math.sin(face) + cos * tangent, _MIN_SINE)
 
 
-@helper(inline="always")
+@helper(forceinline=True)
 def _push(area, crescents, s, h, turned, phi, cohesion_height):  # type: ignore[no-untyped-def]
     """Return the push on a plane over the unit weight [m^2], infinite if it cannot fail.
 

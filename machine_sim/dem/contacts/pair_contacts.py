@@ -220,7 +220,7 @@ def _set_radius_quantities(b, s, ri, rj, cohesion):  # type: ignore[no-untyped-d
     b[pair.MAX_OVERLAP + s] = smaller
 
 
-@helper(forceinline=True)
+@helper(allocates=True, forceinline=True)
 def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_index):  # type: ignore[no-untyped-def]
     """Copy the candidates that may touch to the slots from `begin` on.
 

@@ -27,7 +27,7 @@ _INVERSE_RUPTURE_GAP = np.float32(1.0 / BOND_RUPTURE_GAP)
 _TINY_LENGTH2 = np.float32(1e-18)
 
 
-@helper(forceinline=True)
+@helper(allocates=True, forceinline=True)
 def pair_forces(begin, size, contacts, body, force_sums, contact_params):  # type: ignore[no-untyped-def]
     """Add the forces of a range of pair contacts to the sums of their particles.
 

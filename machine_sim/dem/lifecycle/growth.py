@@ -113,7 +113,7 @@ def _limit_by_boundaries(position, plate_contacts, tools, ground_contacts, free_
         free_radius[i] = min(free_radius[i], distance)
 
 
-@helper
+@helper(allocates=True)
 def _separate_coincident(first, second, view):  # type: ignore[no-untyped-def]
     """Displace coincident unsized particles, each in its own direction, so that they can part."""
     position, radius, contact_radius = view.position, view.radius, view.contact_radius

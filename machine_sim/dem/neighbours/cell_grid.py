@@ -42,7 +42,7 @@ def spatial_order(state: ParticleState) -> NDArray[np.intp]:
     return np.asarray(grid.order, dtype=np.intp)
 
 
-@helper
+@helper(allocates=True)
 def rows_in_box(position, moving, margin):  # type: ignore[no-untyped-def]
     """Return the rows of all particles in the bounding box of `moving` rows, enlarged by a margin.
 
@@ -113,7 +113,7 @@ def sort_into_cells(rows, position, cell_size):  # type: ignore[no-untyped-def]
     return CellGrid(order, start, cell, shape)
 
 
-@helper
+@helper(allocates=True)
 def _grid_extent(rows, position, cell_size):  # type: ignore[no-untyped-def]
     """Return the low corner [m] of the inner cells and the number of cells along each axis."""
     n = rows.size

@@ -45,7 +45,7 @@ def transfer_history(old, old_count, old_row, active, new, new_count, begin, end
     return num_asleep.sum()
 
 
-@helper(forceinline=True)
+@helper(allocates=True, forceinline=True)
 def _transfer_chunk(low, high, old, new_row, active, new, begin, end):  # type: ignore[no-untyped-def]
     """Transfer the history of a range of the old pairs.
 

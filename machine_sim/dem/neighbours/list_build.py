@@ -113,7 +113,7 @@ def active_rows(sleep_state, frozen):  # type: ignore[no-untyped-def]
     return active
 
 
-@helper
+@helper(allocates=True)
 def _without(excluded, rows, count):  # type: ignore[no-untyped-def]
     """Return `rows`, all below `count`, without those that are excluded."""
     if excluded.size == 0:

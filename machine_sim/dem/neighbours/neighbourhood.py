@@ -47,7 +47,7 @@ class Neighbourhood(NamedTuple):
     marked_words: NDArray[np.int64]
 
 
-@helper
+@helper(allocates=True)
 def allocate_neighbourhood(capacity):  # type: ignore[no-untyped-def]
     """Return working memory for a number of particles."""
     return Neighbourhood(

@@ -127,7 +127,7 @@ def _move_section(source, count, target, rows, first, second, begin, end):  # ty
         end[i] += target
 
 
-@helper(forceinline=True)
+@helper(allocates=True, forceinline=True)
 def _find_chunk_pairs(low, high, grid, sparse, packed, is_active, first, second, begin, end):  # type: ignore[no-untyped-def]
     """List the pairs of the cells at places `low` to `high` - 1.
 
@@ -211,7 +211,7 @@ def _gather(low, high, sparse, order, packed, is_active, around):  # type: ignor
     return num_after
 
 
-@helper(forceinline=True)
+@helper(allocates=True, forceinline=True)
 def _find_outlier_pairs(fast_outliers, particles, first, second, begin, end, count):  # type: ignore[no-untyped-def]
     """List the pairs of fast outliers after the `count` pairs in the table.
 

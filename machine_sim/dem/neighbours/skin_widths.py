@@ -137,7 +137,7 @@ def _grown_radius(contact_radius, radius, growth):  # type: ignore[no-untyped-de
     return min(present + growth.increase * radius, np.float64(radius))
 
 
-@helper
+@helper(allocates=True)
 def compute_skin_widths(  # type: ignore[no-untyped-def]
     rows, tracks_all, velocity, dt, base_width, max_width, max_fast_outliers, skin_width
 ):

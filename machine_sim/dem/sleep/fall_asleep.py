@@ -73,7 +73,7 @@ def update_sleep(  # type: ignore[no-untyped-def]
     return num_woken, rows[ready], sleep_state[ready], num_locked
 
 
-@helper
+@helper(allocates=True)
 def _classify_load(  # type: ignore[no-untyped-def]
     t, params, rows, inside, particles, tools, gravity, contacts, ready, sleep_state
 ):
@@ -116,7 +116,7 @@ def _classify_load(  # type: ignore[no-untyped-def]
             ready[k] = False
 
 
-@helper
+@helper(allocates=True)
 def _may_hold_load(tool, ready, inside, tools, plate_contacts):  # type: ignore[no-untyped-def]
     """Return whether a particle that may fall asleep is in a tool, or any is near its plates."""
     for k in range(ready.size):

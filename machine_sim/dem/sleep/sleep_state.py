@@ -91,7 +91,7 @@ class SleepParams(NamedTuple):
     allow_load_locking: bool
 
 
-@helper
+@helper(allocates=True)
 def is_loaded(tool, sleep_state):  # type: ignore[no-untyped-def]
     """Return whether any particle is locked to a tool."""
     return (sleep_state == locked_state(tool)).any()
@@ -106,7 +106,7 @@ def wake(row, particles):  # type: ignore[no-untyped-def]
         particles.wake_reference[row, axis] = particles.position[row, axis]
 
 
-@helper
+@helper(allocates=True)
 def select_moving_rows(sleep_state, frozen):  # type: ignore[no-untyped-def]
     """Return the `MovingRows` of some columns."""
     n = sleep_state.size

@@ -104,7 +104,7 @@ def wake_touching(rows, pair_contacts, view, speed):  # type: ignore[no-untyped-
     return num_woken
 
 
-@helper
+@helper(allocates=True)
 def wake_in_spheres(rows, view, spheres, woken):  # type: ignore[no-untyped-def]
     """Mark the particles whose surface is inside one of some spheres.
 
@@ -235,7 +235,7 @@ def _tool_velocity_at(position, row, pose, twist):  # type: ignore[no-untyped-de
     return velocity_at(twist, x, y, z)
 
 
-@helper
+@helper(allocates=True)
 def load_approaches_soil(dt, tool, tools, rows, view, woken):  # type: ignore[no-untyped-def]
     """Mark the particles asleep on the map that the locked load of a tool approaches.
 

@@ -63,7 +63,7 @@ def wake_disturbed(  # type: ignore[no-untyped-def]
     return num_woken, select_moving_rows(particles.sleep_state, particles.frozen)
 
 
-@helper
+@helper(allocates=True)
 def _sleeping_rows(sleep_state):  # type: ignore[no-untyped-def]
     """Return the rows of particles that are not awake."""
     rows, count = np.empty(sleep_state.size, np.int64), 0
@@ -73,7 +73,7 @@ def _sleeping_rows(sleep_state):  # type: ignore[no-untyped-def]
     return rows[:count]
 
 
-@helper
+@helper(allocates=True)
 def _wake_by_tools(dt, rows, params, particles, tools, gravity, woken):  # type: ignore[no-untyped-def]
     """Mark the particles that moving tools disturb in `woken`, marks of `rows`.
 

@@ -88,7 +88,7 @@ def select_near_tools(dt, rows, particles, tools, margin):  # type: ignore[no-un
     return NearTools(first, number[:count], x, y, z)
 
 
-@helper(forceinline=True)
+@helper(allocates=True, forceinline=True)
 def _load_reach(dt, rows, particles, margin):  # type: ignore[no-untyped-def]
     """Return the positions [m], shape (3, rows), and the reach of each particle on its own [m]."""
     position, velocity, radius = particles.position, particles.velocity, particles.radius
@@ -127,7 +127,7 @@ def _mark_near_tool(dt, pose, twist, sphere, positions, reach, is_near):  # type
         is_near[n] = dx * dx + dy * dy + dz * dz <= max_distance * max_distance
 
 
-@helper
+@helper(allocates=True)
 def classify_near_tools(near_tools, num_rows, tools, margin):  # type: ignore[no-untyped-def]
     """Find the tool that each of some particles is in, and what it means for ground contact.
 
