@@ -18,11 +18,14 @@ _ROUNDING_TOLERANCE = 1e-4
 def surface_at(surface, x_first, y_first, inverse_cell, x, y):  # type: ignore[no-untyped-def]
     """Return the bilinear height [m] and the slopes dz/dx, dz/dy at (x, y) [m], map frame.
 
-    Beyond the outer grid points the height of the edge continues horizontally.
+    Beyond the outer grid points the height of the edge continues horizontally: the slope toward
+    the edge is 0 there, and the slope along the edge is that of the edge.
     """
     rows, cols = surface.shape
-    u = min(max((x_first - x) * inverse_cell, 0.0), rows - 1.0)
-    v = min(max((y_first - y) * inverse_cell, 0.0), cols - 1.0)
+    row, col = (x_first - x) * inverse_cell, (y_first - y) * inverse_cell
+    u = min(max(row, 0.0), rows - 1.0)
+    v = min(max(col, 0.0), cols - 1.0)
+    is_beyond_x, is_beyond_y = u != row, v != col
     i = min(int(math.floor(u)), rows - 2)
     j = min(int(math.floor(v)), cols - 2)
     u -= i
@@ -30,8 +33,8 @@ def surface_at(surface, x_first, y_first, inverse_cell, x, y):  # type: ignore[n
     a, b = surface[i, j], surface[i, j + 1]
     c, d = surface[i + 1, j], surface[i + 1, j + 1]
     height = (a * (1 - v) + b * v) * (1 - u) + (c * (1 - v) + d * v) * u
-    slope_x = -((c - a) * (1 - v) + (d - b) * v) * inverse_cell
-    slope_y = -((b - a) * (1 - u) + (d - c) * u) * inverse_cell
+    slope_x = 0.0 if is_beyond_x else -((c - a) * (1 - v) + (d - b) * v) * inverse_cell
+    slope_y = 0.0 if is_beyond_y else -((b - a) * (1 - u) + (d - c) * u) * inverse_cell
     return height, slope_x, slope_y
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from machine_sim.ground.contact_surface import MAX_RISE_SPEED, Ground, GroundError
+from machine_sim.ground.contact_surface import MAX_RISE_SPEED, Ground, GroundError, surface_at
 from msg_bridge.contract.errors import ExchangeError
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
@@ -24,6 +24,24 @@ def test_height_between_grid_points_is_bilinear() -> None:
 def test_height_beyond_the_map_is_that_of_the_edge() -> None:
     ground = sloping()
     assert ground.height(99.0, 0.0) == pytest.approx(ground.height(2.5, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "slopes"),
+    [
+        (2.5, -2.0, (0.3, -0.2)),  # the corner of the grid points
+        (99.0, 0.3, (0.0, -0.2)),
+        (-2.51, 0.3, (0.0, -0.2)),
+        (0.3, 99.0, (0.3, 0.0)),
+        (0.3, -2.01, (0.3, 0.0)),
+        (-99.0, 99.0, (0.0, 0.0)),
+    ],
+)
+def test_ground_beyond_the_map_is_level_in_the_direction_of_the_edge(
+    x: float, y: float, slopes: tuple[float, float]
+) -> None:
+    ground = sloping()
+    assert surface_at(ground.surface, *ground.frame, x, y)[1:] == pytest.approx(slopes, abs=1e-6)
 
 
 def test_lowered_cells_fall_at_once_and_raised_ones_at_limited_speed() -> None:

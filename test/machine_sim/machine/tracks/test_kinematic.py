@@ -98,6 +98,19 @@ def test_machine_slides_on_a_slope_steeper_than_friction(scene):
     assert s.position[0] < -0.3
 
 
+def test_machine_beyond_a_sloped_edge_of_the_map_stands_still(scene):
+    """The last cell falls at 45 degrees; mu = 0.8 would not hold there, but beyond it is level."""
+    s = scene(lambda x, y: np.where(x < -12.75, -0.1, 0.0), position=(-11.0, 0.0))
+    s.machine.command([0.0] * 4, [-1.2, -1.2])
+    s.run(4.0)
+    s.machine.command([0.0] * 4, [0.0, 0.0])
+    s.run(2.0)
+    start = s.position
+    assert start[0] < -15.0
+    s.run(1.0)
+    assert np.linalg.norm(s.position - start) < 0.002
+
+
 def test_shoes_carry_the_weight(scene, spec):
     s = scene()
     s.run(3.0)
