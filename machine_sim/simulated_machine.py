@@ -91,6 +91,7 @@ class SimulatedMachine:
             self.machine.spec.tracks, first_tool_id + len(self.couplings)
         )
         self._last_base_frame = self.machine.base_frame
+        self._grid = ground.grid
 
     def continue_from(self, other: SimulatedMachine) -> None:
         """Take pose, motion and pending soil of a machine that may have another specification.
@@ -119,6 +120,22 @@ class SimulatedMachine:
             sum(each.mass_kg for each in payloads),
             max((each.fill for each in payloads), default=0.0),
         )
+
+    @property
+    def parts_beyond_map(self) -> list[str]:
+        """Which parts are beyond the edge of the map: "base", and names of tools that dig.
+
+        The base is beyond it with the origin of its frame, a tool with any of its key points.
+        """
+        points = {"base": self.machine.base_pose[0][np.newaxis]}
+        for name, coupling in self.couplings.items():
+            rotation, origin = coupling.tool.frame
+            points[name] = coupling.key_points @ rotation.T + origin
+        return [
+            name
+            for name, each in points.items()
+            if not self._grid.contains(each[:, 0], each[:, 1]).all()
+        ]
 
     def begin_tick(self, tick: int) -> None:
         """Begin the tick of a number."""

@@ -30,6 +30,9 @@ _CONTACT_CONDITION = "contacts"
 _PENDING_CONDITION = "pending soil"
 """Condition of soil that becomes particles too slowly."""
 
+_EDGE_CONDITION = "edge of the map"
+"""Condition of machines that are beyond the edge of the map."""
+
 _MAX_RELEASE_TIME = 1.0
 """Time in which all pending soil can become particles, beyond which it is reported [s]."""
 
@@ -97,6 +100,7 @@ class MachineDiagnostics:
         self._report_reseats(run)
         self._report_contacts(run)
         self._report_pending_soil(run)
+        self._report_edge(run)
         pairs = zip(self._instances, run.sim.simulated_machines, strict=True)
         overturned = [
             instance.name or "the machine"
@@ -190,6 +194,22 @@ class MachineDiagnostics:
             )
         self._diagnostics.problem("; ".join(texts), Level.WARN, condition=_CONTACT_CONDITION)
 
+    def _report_edge(self, run: MachineRun) -> None:
+        """Set or clear the problem of machines and tools beyond the edge of the map."""
+        parts = []
+        for instance, simulated in zip(self._instances, run.sim.simulated_machines, strict=True):
+            name = instance.name or "the machine"
+            parts += [f"{part} of {name}" for part in simulated.parts_beyond_map]
+        if not parts:
+            self._diagnostics.clear(_EDGE_CONDITION)
+            return
+        self._diagnostics.problem(
+            f"beyond the edge of the map: {', '.join(parts)}; there tracks stand on ground"
+            " that continues at the height of the edge, tools meet no soil, and soil that lands"
+            " leaves the run; move back, or start a run on a larger site",
+            condition=_EDGE_CONDITION,
+        )
+
     def _report_overload(self, run: MachineRun, load: TickLoad) -> None:
         """Set or clear the problem of a node that is too slow for real time."""
         level = max(self._speed.level, self._coverage.level)
@@ -215,5 +235,6 @@ def _machine_values(instance: MachineInstance, simulated: SimulatedMachine) -> d
         "tracks_off_wheels": sum(simulated.machine.tracks.num_reseats),
         "tilt_rad": f"{simulated.machine.tilt:.3f}",
         "overturned": simulated.machine.overturned,
+        "beyond_map": ", ".join(simulated.parts_beyond_map),
     }
     return {instance.topic_prefix + key: value for key, value in values.items()}

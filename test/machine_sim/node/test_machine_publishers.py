@@ -22,6 +22,7 @@ from msg_bridge.codec import qos
 from msg_bridge.codec.machine_state import BASE_JOINTS, from_payload_array, from_track_array
 from msg_bridge.codec.run_config import parse_run_facts
 from msg_bridge.codec.stamps import tick_from_stamp
+from msg_bridge.nodes.diagnostics import Level
 from msg_bridge.testing.ros_context import Ros
 
 PUBLISHED = {
@@ -149,6 +150,23 @@ def test_overturned_machine_is_reported(ros: Ros) -> None:
     stepped.scene.until_shown(node, "overturned", True)
     assert float(stepped.scene.shown(node)["tilt_rad"]) == pytest.approx(0.5 * math.pi, abs=1e-3)
     assert "overturned" in node.diagnostics.report().message
+
+
+def test_machine_beyond_the_edge_of_the_map_is_reported(ros: Ros) -> None:
+    stepped = SteppedMachine(ros)
+    node, machine = stepped.machine, stepped.machine.run.sim.machine
+    stepped.scene.until_shown(node, "beyond_map", "")
+    assert "beyond the edge" not in node.diagnostics.report().message
+    edge = 0.5 * node.run.sim.ground.grid.size[0]
+    for x, expected in ((edge - 0.5, "bucket"), (edge + 0.5, "base, bucket"), (0.0, "")):
+        pose = ([x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0])
+        pybullet.resetBasePositionAndOrientation(machine.body, *pose, machine.client_id)
+        machine.after_step()
+        stepped.scene.until_shown(node, "beyond_map", expected)
+        report = node.diagnostics.report()
+        is_reported = "bucket of the machine" in report.message and report.level is Level.WARN
+        assert is_reported == bool(expected)
+        assert ("base of the machine" in report.message) == ("base" in expected)
 
 
 def test_track_off_its_wheels_is_reported_for_a_while(
