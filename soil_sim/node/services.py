@@ -52,7 +52,7 @@ class SoilServices:
         run.pause(bool(request.data))
         self._node.publish_paused()
         state = "paused" if run.paused else "running"
-        response.success, response.message = True, f"{state} at tick {run.tick}"
+        response.success, response.message = True, f"{state} {_time_of(run.tick)}"
         self._node.advance()
         return response
 
@@ -88,8 +88,8 @@ class SoilServices:
         imbalance = ledger.imbalance if ledger else 0
         response.success = soil.verify_volume() and imbalance == 0
         response.message = (
-            f"tick {endpoint.tick}: columns hold {soil.columns.total_mm3} mm3, the running total"
-            f" is {soil.total_mm3} mm3; imbalance {imbalance} mm3"
+            f"{_time_of(endpoint.tick)}: columns hold {soil.columns.total_mm3} mm3, the running"
+            f" total is {soil.total_mm3} mm3; imbalance {imbalance} mm3"
         )
         return response
 
@@ -109,7 +109,7 @@ class SoilServices:
         else:
             response.success = True
             note = "" if has_layers else ", heights only: soil and moisture need .npz"
-            response.message = f"terrain of tick {run.tick} written to {path}{note}"
+            response.message = f"terrain {_time_of(run.tick)} written to {path}{note}"
         return response
 
     def _release(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -127,3 +127,8 @@ class SoilServices:
         response.message = "; ".join(effects) or "no machine has left soil behind"
         self._node.advance()
         return response
+
+
+def _time_of(tick: int) -> str:
+    """Return when a tick was, in words; -1 is the number before the first one."""
+    return f"at tick {tick}" if tick >= 0 else "before the first tick"

@@ -38,6 +38,19 @@ def test_pause_stops_ticks_until_it_is_released(ros: Ros) -> None:
     assert scene.soil.run.scheduler.lost_time == 0.0
 
 
+def test_responses_before_an_expected_machine_has_joined_name_no_tick(
+    ros: Ros, tmp_path: Path
+) -> None:
+    path = tmp_path / "ground.npz"
+    scene = Scene(ros, save_path=str(path))
+    assert scene.pause().message == "paused before the first tick"
+    assert scene.pause(False).message == "running before the first tick"
+    assert scene.trigger("/soil/verify").message.startswith("before the first tick: columns")
+    expected = f"terrain before the first tick written to {path}"
+    assert scene.trigger("/soil/save").message == expected
+    assert scene.tick < 0
+
+
 def test_step_computes_one_tick(ros: Ros) -> None:
     scene = Scene(ros, **NO_MACHINES, paused=True)
     ros.spin_until(lambda: scene.tick == 0)
