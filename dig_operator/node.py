@@ -226,23 +226,24 @@ class DigOperatorNode(SimNode):
             return
         if self._facts is None:
             yield Wait(
-                f"{self._config_topic}; is `simulation_namespace` ({self._simulation}) that of a"
-                " running soil_sim?"
+                self._config_topic,
+                f"is `simulation_namespace` ({self._simulation}) that of a running soil_sim?",
             )
         elif missing := self._missing_machines():
             yield Wait(
-                f"the state of {', '.join(missing)}; are they machines of a running machine_sim,"
-                " as `other_machines` states?",
+                f"the state of {', '.join(missing)}",
+                "are they machines of a running machine_sim, as `other_machines` states?",
                 missing,
             )
         elif self._last_tick is None:
             yield Wait(
-                f"a tick with {joints_topic}; does a machine_sim run in the namespace"
-                f" {self.get_namespace()}?",
+                f"a tick with {joints_topic}",
+                f"does a machine_sim run in the namespace {self.get_namespace()}?",
                 self._facts.run_id,
             )
         elif self.task.wait_reason and not self._peers.paused:
-            yield Wait(self.task.wait_reason, self.task.wait_reason)
+            what, _, advice = self.task.wait_reason.partition("; ")
+            yield Wait(what, advice)
         else:
             yield from self._peers.find_waits(self._last_tick, self._ledger_topic, joints_topic)
 

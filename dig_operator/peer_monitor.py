@@ -86,19 +86,21 @@ class PeerMonitor:
         now = time.monotonic()
         if now - self.soil_time >= REPORT_TIME:
             yield Wait(
-                f"messages of the soil on {soil_topic}; it is stopped or has ended", self.soil_time
+                f"messages of the soil on {soil_topic}",
+                "it is stopped or has ended",
+                self.soil_time,
             )
         elif self.paused:
             return
         elif now - self.machine_time >= REPORT_TIME:
             yield Wait(
-                f"messages of the machine on {machine_topic}; its node is stopped, has ended, or"
-                " waits itself: see /diagnostics",
+                f"messages of the machine on {machine_topic}",
+                "its node is stopped, has ended, or waits itself: see /diagnostics",
                 self.machine_time,
             )
         else:
             yield Wait(
-                "a tick of which all messages of soil and machine have arrived; see what they wait"
-                " for in /diagnostics",
+                "a tick of which all messages of soil and machine have arrived",
+                "see what they wait for in /diagnostics",
                 last_tick,
             )

@@ -116,7 +116,7 @@ class ViewerNode(SimNode):
     def _find_waits(self) -> Iterator[Wait]:
         """Yield what the node waits for now."""
         if self.scene.terrain.tiles is None:
-            yield Wait(f"{self._config_topic} and the terrain map; is a soil_sim running?")
+            yield Wait(f"{self._config_topic} and the terrain map", "is a soil_sim running?")
 
     def _update_diagnostics(self) -> None:
         """Set the counters of the server, and warn of rejected messages and losses."""

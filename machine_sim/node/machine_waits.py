@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from std_msgs.msg import Bool
 
@@ -56,15 +56,16 @@ def find_machine_waits(
     facts = membership.facts
     if facts is None:
         yield Wait(
-            f"{resolve(topics.SIM_CONFIG, simulation)}; is a soil_sim running in namespace"
-            f" {simulation}, the parent of this node's namespace {namespace}?"
+            resolve(topics.SIM_CONFIG, simulation),
+            f"is a soil_sim running in namespace {simulation}, the parent of this node's namespace"
+            f" {namespace}?",
         )
         return
     is_held = membership.is_held(run, soil_is_silent=soil.is_silent)
     if run is None or (run.facts.run_id != facts.run_id and not is_held):
         yield Wait(
-            f"the terrain on {resolve(topics.TERRAIN_MAP, simulation)}; restart the soil node if it"
-            " has ended",
+            f"the terrain on {resolve(topics.TERRAIN_MAP, simulation)}",
+            "restart the soil node if it has ended",
             facts.run_id,
         )
         return
@@ -73,37 +74,46 @@ def find_machine_waits(
         if membership.missing_subscribers:
             missing = ", ".join(membership.missing_subscribers)
             yield Wait(
-                f"subscribers to {missing}; start them, or remove them from required_subscribers"
+                f"subscribers to {missing}", "start them, or remove them from required_subscribers"
             )
     elif exchange.join_state is JoinState.JOINING:
         if soil.is_silent or not soil.paused:
             yield Wait(
-                "the answer to the request to join; the soil answers once all expected machines"
-                " have requested it, see what it waits for in /diagnostics",
+                "the answer to the request to join",
+                "the soil answers once all expected machines have requested it, see what it waits"
+                " for in /diagnostics",
                 exchange.session_id,
             )
     elif soil.is_silent:
         yield Wait(
-            f"messages of the soil on {resolve(topics.SOIL_TICK, simulation)}; it is stopped or"
-            " has ended: continue it, or start a new one",
+            f"messages of the soil on {resolve(topics.SOIL_TICK, simulation)}",
+            "it is stopped or has ended: continue it, or start a new one",
             soil.last_message_time,
         )
     elif run.endpoint.is_ready:
         if not run.can_step:
-            commands = ", ".join(
-                f"a command for {name} with a stamp of {awaited.stamp:.6g} s or later"
-                f"{_last_stamp(awaited)}"
-                for name, awaited in run.awaited_commands.items()
-            )
-            yield Wait(f"{commands}; command_wait_period is set, start the controller", run.tick)
+            yield _command_wait(run.awaited_commands, run.tick)
     elif not soil.paused:
         yield Wait(
-            "the soil's answer to a tick; see what the soil waits for in /diagnostics", run.tick
+            "the soil's answer to a tick", "see what the soil waits for in /diagnostics", run.tick
         )
 
 
-def _last_stamp(awaited: AwaitedCommand) -> str:
-    """Return the part of a wait that states the stamp of the last command, if there is one."""
-    if awaited.last_stamp is None:
-        return ""
-    return f" (the last one had {awaited.last_stamp:.6f} s: stamp each with the time of its state)"
+def _command_wait(awaited_commands: Mapping[str, AwaitedCommand], tick: int) -> Wait:
+    """Return the wait for the commands of the next tick.
+
+    The stamps of the last commands are advice: they change with each command of a wrong stamp,
+    and the wait continues.
+    """
+    what = ", ".join(
+        f"a command for {name} with a stamp of {awaited.stamp:.6g} s or later"
+        for name, awaited in awaited_commands.items()
+    )
+    advice = ["command_wait_period is set, start the controller"]
+    advice += [
+        f"the last command for {name} had the stamp {awaited.last_stamp:.6f} s: stamp each with the"
+        " time of its state"
+        for name, awaited in awaited_commands.items()
+        if awaited.last_stamp is not None
+    ]
+    return Wait(what, "; ".join(advice), tick)

@@ -39,20 +39,28 @@ class Wait(NamedTuple):
     """What a node waits for now.
 
     Attributes:
-        what: completes the sentence "waiting for ..."; a semicolon, and what to check.
+        what: completes the sentence "waiting for ..."; while it and `progress` stay the same, it is
+            the same wait.
+        advice: what to check, and what is known meanwhile; it may change while the wait lasts.
         progress: a value that changes with each thing awaited, such as the tick: then the wait for
             one is over, and the wait for the next begins.
     """
 
     what: str
+    advice: str = ""
     progress: Hashable = None
+
+    @property
+    def text(self) -> str:
+        """What is awaited, and the advice on it."""
+        return f"{self.what}; {self.advice}" if self.advice else self.what
 
 
 @dataclass
 class _PresentWait:
-    """A wait that has not ended, since a monotonic wall time [s]."""
+    """A wait that has not ended, as it was found last, since a monotonic wall time [s]."""
 
-    progress: Hashable
+    wait: Wait
     since: float
     is_logged: bool = False
 
@@ -98,34 +106,39 @@ class WaitLog:
         if self._is_closed:
             return
         now = self._now()
-        found = {wait.what: wait.progress for wait in self._find_waits()}
-        for what, wait in list(self._present.items()):
-            if what not in found or found[what] != wait.progress:
+        found = {wait.what: wait for wait in self._find_waits()}
+        for what, present in list(self._present.items()):
+            if what not in found or found[what].progress != present.wait.progress:
                 self._end(what, now)
-        for what, progress in found.items():
-            wait = self._present.setdefault(what, _PresentWait(progress, now))
-            if now - wait.since >= REPORT_TIME:
-                self._log(what, wait, now)
-        reported = [what for what, wait in self._present.items() if now - wait.since >= REPORT_TIME]
+        for what, wait in found.items():
+            present = self._present.setdefault(what, _PresentWait(wait, now))
+            present.wait = wait
+            if now - present.since >= REPORT_TIME:
+                self._log(present, now)
+        reported = [
+            present.wait.text
+            for present in self._present.values()
+            if now - present.since >= REPORT_TIME
+        ]
         self._diagnostics.set("waiting_for", " and ".join(reported) or _NOTHING)
         if reported:
             self._diagnostics.problem(f"waiting for {' and '.join(reported)}", condition=_CONDITION)
         else:
             self._diagnostics.clear(_CONDITION)
 
-    def _log(self, what: str, wait: _PresentWait, now: float) -> None:
+    def _log(self, present: _PresentWait, now: float) -> None:
+        what = present.wait.what
         last = self._last_logged.get(what)
-        if last is not None and now - last < (LOG_PERIOD if wait.is_logged else REPEAT_PERIOD):
+        if last is not None and now - last < (LOG_PERIOD if present.is_logged else REPEAT_PERIOD):
             return
         self._last_logged[what] = now
-        so_far = f" (for {now - wait.since:.0f} s so far)" if wait.is_logged else ""
-        self._node.get_logger().warning(f"waiting for {what}{so_far}")
-        wait.is_logged = True
+        so_far = f" (for {now - present.since:.0f} s so far)" if present.is_logged else ""
+        self._node.get_logger().warning(f"waiting for {present.wait.text}{so_far}")
+        present.is_logged = True
 
     def _end(self, what: str, now: float) -> None:
-        wait = self._present.pop(what)
-        if wait.is_logged:
-            subject = what.partition(";")[0]
+        present = self._present.pop(what)
+        if present.is_logged:
             self._node.get_logger().info(
-                f"the wait of {now - wait.since:.1f} s for {subject} is over"
+                f"the wait of {now - present.since:.1f} s for {what} is over"
             )

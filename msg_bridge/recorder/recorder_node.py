@@ -258,8 +258,8 @@ class RecorderNode(Node):
             return []
         return [
             Wait(
-                f"the first message on {self._clock_topic}; messages are kept until then: start a"
-                " soil_sim, or record without use_sim_time"
+                f"the first message on {self._clock_topic}",
+                "messages are kept until then: start a soil_sim, or record without use_sim_time",
             )
         ]
 

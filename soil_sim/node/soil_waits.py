@@ -27,38 +27,40 @@ def find_soil_waits(
     exchange = run.endpoint.exchange
     if run.waiting_for_subscribers:
         yield Wait(
-            f"subscribers to {', '.join(missing_subscribers)}; start them, or remove them from"
-            " required_subscribers"
+            f"subscribers to {', '.join(missing_subscribers)}",
+            "start them, or remove them from required_subscribers",
         )
     elif run.tick < 0:
         ids = ", ".join(map(str, exchange.awaited_machines))
         yield Wait(
-            f"machines with machine_id {ids} to join; start them in namespaces below that of this"
-            " node, or remove them from expected_machines"
+            f"machines with machine_id {ids} to join",
+            "start them in namespaces below that of this node, or remove them from"
+            " expected_machines",
         )
     elif run.realtime:
         for machine_id in exchange.late:
             name = _name(machine_id, namespaces)
             yield Wait(
-                f"messages of {name}; it is silent, and without any for machine_timeout the run"
-                " continues without it",
+                f"messages of {name}",
+                "it is silent, and without any for machine_timeout the run continues without it",
                 last_message_times.get(machine_id),
             )
     elif run.is_due:
         for machine_id in exchange.late:
-            yield Wait(_late_machine(machine_id, run, namespaces), run.tick)
+            yield Wait(*_late_machine(machine_id, run, namespaces), run.tick)
         if not exchange.joined and not run.paused:
-            yield Wait("a machine to join; all have left the run", run.tick)
+            yield Wait("a machine to join", "all have left the run", run.tick)
 
 
-def _late_machine(machine_id: int, run: SoilRun, namespaces: Mapping[int, str]) -> str:
-    """Describe the part of the next tick that a machine has not delivered."""
+def _late_machine(machine_id: int, run: SoilRun, namespaces: Mapping[int, str]) -> tuple[str, str]:
+    """Describe the part of the next tick that a machine has not delivered, and give advice."""
     name = _name(machine_id, namespaces)
     if run.endpoint.exchange.is_missing_rows_of(machine_id):
-        return f"rows of {name}, which its tick header counts; they are requested again"
+        return f"rows of {name}, which its tick header counts", "they are requested again"
     return (
-        f"the tick of {name}; see what it waits for in /diagnostics, restart it if it is silent, or"
-        " continue without it by /soil/release"
+        f"the tick of {name}",
+        "see what it waits for in /diagnostics, restart it if it is silent, or continue without it"
+        " by /soil/release",
     )
 
 

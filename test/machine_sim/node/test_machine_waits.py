@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -10,6 +12,7 @@ from support.machine_scenes import COMMAND_NAMES
 from support.node_scenes import TICK, Scene, joint_command
 
 from machine_sim.node.machine_node import MachineNode
+from msg_bridge.nodes.sim_node import SimNode
 from msg_bridge.nodes.wait_log import CHECK_PERIOD
 from msg_bridge.testing.ros_context import Ros
 
@@ -79,9 +82,32 @@ def test_machine_reports_the_command_it_waits_for(ros: Ros) -> None:
     machine = scene.machine(command_wait_period=2)
     until_waiting(scene, machine, "a command for excavator with a stamp of 0 s or later")
     ros.spin_until(lambda: "tick of /excavator" in scene.shown(scene.soil)["waiting_for"])
+
+
+def test_machine_that_receives_commands_of_another_clock_reports_the_last_stamp(
+    ros: Ros, capfd: pytest.CaptureFixture[str]
+) -> None:
+    scene = Scene(ros)
+    machine = scene.machine(command_wait_period=2)
     commands = ros.publisher("/excavator/joint_commands", JointState)
-    commands.publish(joint_command(10**6, np.zeros(len(COMMAND_NAMES))))  # of another clock
-    until_waiting(scene, machine, f"the last one had {10**6 * TICK:.6f} s: stamp each with")
+    wall_ticks = itertools.count(10**6)
+    stamps: list[float] = []
+
+    def send() -> None:
+        """Send a command with a new stamp, more often than waits are checked."""
+        stamps.append(next(wall_ticks) * TICK)
+        commands.publish(joint_command(round(stamps[-1] / TICK), np.zeros(len(COMMAND_NAMES))))
+
+    timer = ros.add(SimNode, "controller").create_timer(0.05, send)
+    until_waiting(scene, machine, "a stamp of 0 s or later; command_wait_period is set")
+    until_waiting(scene, machine, "the last command for excavator had the stamp 1000")
+    num_sent = len(stamps)
+    ros.spin_until(lambda: len(stamps) >= num_sent + 10)
+    timer.cancel()
+    until_waiting(scene, machine, f"had the stamp {stamps[-1]:.6f} s: stamp each with")
+    output = capfd.readouterr().err
+    assert output.count("waiting for a command for excavator") == 1
+    assert "is over" not in output
 
 
 def test_machine_and_soil_report_a_machine_that_has_not_joined(ros: Ros) -> None:

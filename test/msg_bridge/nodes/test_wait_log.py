@@ -10,12 +10,14 @@ from msg_bridge.nodes.sim_node import SimNode
 from msg_bridge.nodes.wait_log import LOG_PERIOD, REPEAT_PERIOD, REPORT_TIME, Wait, WaitLog
 from msg_bridge.testing.ros_context import Ros
 
+SOIL = Wait("the soil", "start it", 0)
+
 
 class Scene:
     """A node with a clock that the test sets, and its waits."""
 
     def __init__(self, ros: Ros) -> None:
-        self.ros, self.time, self.waits = ros, 1000.0, [Wait("the soil; start it", 0)]
+        self.ros, self.time, self.waits = ros, 1000.0, [SOIL]
         node = ros.add(SimNode, "machine")
         self.diagnostics = Diagnostics(node)
         self.log = WaitLog(node, self.diagnostics, lambda: self.waits, now=lambda: self.time)
@@ -37,9 +39,6 @@ class Scene:
 @pytest.fixture
 def scene(ros: Ros) -> Scene:
     return Scene(ros)
-
-
-SOIL = Wait("the soil; start it", 0)
 
 
 def test_short_wait_is_not_reported(scene: Scene) -> None:
@@ -77,8 +76,20 @@ def test_nothing_is_reported_when_the_node_ends(scene: Scene) -> None:
 
 def test_progress_begins_another_wait(scene: Scene) -> None:
     for tick in range(5):
-        scene.after(0.9 * REPORT_TIME, Wait(SOIL.what, tick))
+        scene.after(0.9 * REPORT_TIME, SOIL._replace(progress=tick))
     assert scene.diagnostics.report().level is Level.OK
+
+
+def test_wait_continues_when_its_advice_changes(scene: Scene) -> None:
+    for attempt in range(5):
+        scene.after(0.4 * REPORT_TIME, SOIL._replace(advice=f"start it, {attempt}"))
+    report = scene.diagnostics.report()
+    assert (report.level, report.message) == (Level.WARN, "waiting for the soil; start it, 4")
+    scene.after(0.0)
+    assert scene.logged(2) == [
+        "waiting for the soil; start it, 2",
+        f"the wait of {5 * 0.4 * REPORT_TIME:.1f} s for the soil is over",
+    ]
 
 
 def test_waits_at_the_same_time_are_reported_together(scene: Scene) -> None:
