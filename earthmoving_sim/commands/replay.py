@@ -227,7 +227,8 @@ def _lines(replay: RunReplay, truncated: Iterable[str], *, is_what_if: bool) -> 
     if result.difference is not None:
         lines.append(f"  ✗ first difference: {result.difference}")
     elif result.ended_early:
-        lines.append(f"  ✗ replayed up to tick {result.last_tick}: {result.ended_early}")
+        compared = "" if is_what_if else " without a difference"
+        lines.append(f"  ✗ replayed up to tick {result.last_tick}{compared}: {result.ended_early}")
     elif is_what_if:
         lines.append(f"  the same commands over {result.num_ticks:,} ticks, not compared")
     elif result.num_missing_ledgers:

@@ -122,7 +122,8 @@ class ReplayedMachines:
         """Do what the node did, and return the header that it sends.
 
         Raises:
-            ReplayError: it cannot be done: the recording is incomplete.
+            ReplayError: it cannot be done: the recording is incomplete, or the node continued from
+                a checkpoint that pybullet does not restore exactly.
             ExchangeError: a message violates the protocol.
         """
         if action.header.is_tick:
@@ -182,6 +183,12 @@ class ReplayedMachines:
         endpoint = self.run.endpoint
         exchange = endpoint.exchange
         self._apply_answer(header.tick)
+        if header.tick < exchange.tick:
+            raise ReplayError(
+                f"{self.namespace} was restarted and rejoins from a checkpoint, with the soil's"
+                f" answers up to tick {header.tick} instead of {exchange.tick}; the poses and the"
+                " soil of a checkpoint are not in the bag, so later ticks are not compared"
+            )
         if exchange.join_state is not JoinState.OUT:
             exchange.abandon_session()
         if header.verb is Verb.JOIN and exchange.tick >= 0:

@@ -307,6 +307,41 @@ def test_machines_that_come_and_go_in_real_time(ros: Ros, tmp_path: Path) -> Non
     check_identical(replay(tmp_path / "other"), ["/soil/state_hash", "/late/state_hash"])
 
 
+def test_replay_ends_where_a_machine_continued_from_a_checkpoint(
+    ros: Ros, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Bodies of dynamic tracks touch, and their state, which is not exact, is not in the bag."""
+    scene = RecordedScene(ros, tmp_path, machine_timeout=0.5)
+    parameters = {
+        "stepping.track_model": "dynamic",
+        "recovery.path": str(tmp_path / "state"),
+        "recovery.checkpoint_period": 0.2,
+    }
+    machine = scene.digger(**parameters)
+    swing(scene, machine)
+    scene.more_ticks(100)
+    killed_at = machine.run.tick
+    ros.remove(machine)
+    machine = scene.digger(**parameters)
+    answered = machine.run.endpoint.exchange.tick
+    assert machine.run.tick < killed_at, "the ticks after the last state are skipped"
+    ros.spin_until(lambda: 1 not in scene.joined, what="the earlier session to end")
+    ros.spin_until(lambda: 1 in scene.joined, what="the machine to rejoin")
+    scene.more_ticks(20)
+    bag = scene.finish()
+    assert audit_bag(bag).passed
+    (result,) = replay(bag)
+    assert result.difference is None, str(result.difference)
+    assert "/excavator was restarted" in result.ended_early
+    assert f"answers up to tick {answered} instead of" in result.ended_early
+    assert not result.is_identical
+    assert result.last_tick >= killed_at - 1
+    assert main(["replay", str(bag)]) == 1
+    output = capsys.readouterr().out
+    assert f"replayed up to tick {result.last_tick} without a difference" in output
+    assert "identical" not in output
+
+
 def test_reset_begins_another_run(ros: Ros, tmp_path: Path) -> None:
     scene = RecordedScene(ros, tmp_path)
     machine = scene.digger()
