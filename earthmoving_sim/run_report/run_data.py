@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
 from earthmoving_sim.run_report.latency import CommandLatency
+from earthmoving_sim.run_report.problems import Problems
 from earthmoving_sim.run_report.terrain_history import TerrainHistory
 from earthmoving_sim.run_report.trace import Trace
 from msg_bridge.codec.labelled_array import array_label
@@ -19,7 +20,6 @@ __all__ = [
     "MachineData",
     "MovedVolumes",
     "PhaseChange",
-    "Problem",
     "ReadingState",
     "RunData",
     "TopicHandlers",
@@ -37,20 +37,6 @@ class PhaseChange(NamedTuple):
     time: float
     cycle: int
     phase: str
-
-
-class Problem(NamedTuple):
-    """A message of a node in `/diagnostics` that is not ok.
-
-    Attributes:
-        source: name of the node.
-        level: 1 warning, 2 error, 3 stale.
-        text: the message.
-    """
-
-    source: str
-    level: int
-    text: str
 
 
 def _traces() -> defaultdict[str, Trace]:
@@ -135,7 +121,7 @@ class RunData:
         clock: simulation time over log time [s from the first message].
         late_ticks, real_time_factor: of the soil node, by log time [s from the first message].
         machines: by namespace.
-        problems: how often each was reported.
+        problems: what nodes reported in `/diagnostics`.
         diagnostics: last values of each node.
         rejections: reasons of join rejections.
         paused: changes of the pause: time [s from the first message] and state.
@@ -161,7 +147,7 @@ class RunData:
     machines: defaultdict[str, MachineData] = field(
         default_factory=lambda: defaultdict(MachineData)
     )
-    problems: Counter[Problem] = field(default_factory=Counter)
+    problems: Problems = field(default_factory=Problems)
     diagnostics: dict[str, dict[str, str]] = field(default_factory=dict)
     rejections: list[str] = field(default_factory=list)
     paused: list[tuple[float, bool]] = field(default_factory=list)

@@ -105,21 +105,33 @@ def add_problems(page: Page, reader: BagReader, run: RunData) -> None:
             [(text, str(count)) for text, count in reasons.items()],
             has_texts=True,
         )
-    if run.problems:
+    problems = run.problems.by_severity()
+    if problems:
         page.heading("Reported by nodes")
         page.table(
-            ("node", "level", "message", "reports"),
+            ("node", "level", "last message of this level", "reports", "first [s]", "last [s]"),
             [
-                (each.source, _LEVELS.get(each.level, str(each.level)), each.text, str(count))
-                for each, count in sorted(run.problems.items(), key=lambda entry: -entry[1])[
-                    :_MAX_PROBLEMS
-                ]
+                (
+                    each.source,
+                    _LEVELS.get(each.level, str(each.level)),
+                    each.text,
+                    str(each.num_reports),
+                    f"{each.first:.1f}",
+                    f"{each.last:.1f}",
+                )
+                for each in problems[:_MAX_PROBLEMS]
             ],
             has_texts=True,
         )
+        more = len(problems) - _MAX_PROBLEMS
+        page.note(
+            "Reports that differ in numbers only are one row, with the highest level. Times are"
+            " log times from the first message on."
+            + (f" {more} more problems are left out." if more > 0 else "")
+        )
     if not run.diagnostics:
         page.note("The bag has no /diagnostics.")
-    elif not (rows or run.rejections or run.problems):
+    elif not (rows or run.rejections or problems):
         page.note("No node rejected an input or reported a problem.")
 
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from earthmoving_sim.run_report.run_data import (
     Handler,
-    Problem,
     TopicHandlers,
     labelled,
     parse_config,
@@ -118,7 +117,8 @@ class SoilHandlers(TopicHandlers):
             name = status.name.partition(":")[0]
             level = status.level[0] if isinstance(status.level, bytes) else int(status.level)
             if level and status.message not in _NO_PROBLEM:
-                self._reading.run.problems[Problem(name, level, status.message)] += 1
+                seconds = self._reading.seconds(log_time)
+                self._reading.run.problems.add(name, level, status.message, seconds)
             values = {each.key: each.value for each in status.values}
             self._reading.run.diagnostics[name] = values
             if "late_ticks" in values and "imbalance_mm3" in values:

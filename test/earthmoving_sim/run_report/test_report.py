@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import Float64MultiArray, Int64MultiArray, String
@@ -162,6 +163,41 @@ def test_conversions_that_were_sent_again_count_once(tmp_path: Path) -> None:
         recording.add("/soil/conversions", to_chunk_cloud(chunk, "map", Time(sec=1)))
     written = write_report(BagReader(recording.write(tmp_path / "bag.mcap")), tmp_path / "report")
     assert written.summary.excavated == {1: pytest.approx(3.0)}
+
+
+def test_reports_of_a_problem_with_other_numbers_are_one_row(tmp_path: Path) -> None:
+    recording = Recording()
+    for level, node, text in (
+        (1, "soil_sim", "real-time factor 0.27, below 1 for 9 s: ticks wait for machine 1"),
+        (2, "soil_sim", "real-time factor 0.18, below 1 for 10 s: ticks wait for machine 1"),
+        (1, "soil_sim", "real-time factor 0.66, below 1 for 11 s: ticks wait for machine 1"),
+        (1, "soil_sim", "real-time factor 0.55, below 1 for 12 s: ticks wait for machine 2"),
+        (1, "digger1/machine_sim", "a tick takes 1.37 of its period"),
+        (1, "digger2/machine_sim", "a tick takes 1.5 of its period"),
+        (1, "recorder", "the state of /digger1"),
+        (1, "recorder", "the state of /digger2"),
+    ):
+        status = DiagnosticStatus(level=bytes([level]), name=node, message=text)
+        recording.add("/diagnostics", DiagnosticArray(status=[status]))
+    recording.messages = [  # one a second
+        (topic, 10**9 + 10**6 * time, each) for topic, time, each in recording.messages
+    ]
+    written = write_report(BagReader(recording.write(tmp_path / "bag.mcap")), tmp_path / "report")
+    page = written.page.read_text(encoding="utf-8")
+    rows = [
+        re.findall(r"<td[^>]*>([^<]*)</td>", row)
+        for row in re.findall(r"<tr>(.*?)</tr>", page.partition("Reported by nodes")[2])
+    ]
+    rows = [row for row in rows if len(row) == 6]
+    assert rows[0] == [
+        "soil_sim",
+        "error",
+        "real-time factor 0.18, below 1 for 10 s: ticks wait for machine 1",
+        "3",
+        "0.0",
+        "2.0",
+    ]
+    assert len(rows) == 6, "other machines and nodes have other problems"
 
 
 def test_one_run_of_several_is_chosen(tmp_path: Path) -> None:
