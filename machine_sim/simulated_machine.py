@@ -16,6 +16,7 @@ from machine_sim.params import MachineSimParams
 from machine_sim.tool_soil.coupling import ToolSoilCoupling
 from machine_sim.tool_soil.payload import Payload
 from machine_sim.tool_soil.sweep import TrackSweep
+from msg_bridge.contract.cylinder_state import CylinderState
 from msg_bridge.contract.rows import Rows
 
 __all__ = ["Placement", "SimulatedMachine"]
@@ -92,6 +93,7 @@ class SimulatedMachine:
         )
         self._last_base_frame = self.machine.base_frame
         self._grid = ground.grid
+        self._efforts: list[NDArray[np.float64]] = []  # see `_drive_efforts`, by physics step
 
     def continue_from(self, other: SimulatedMachine) -> None:
         """Take pose, motion and pending soil of a machine that may have another specification.
@@ -137,8 +139,46 @@ class SimulatedMachine:
             if not self._grid.contains(each[:, 0], each[:, 1]).all()
         ]
 
+    @property
+    def joint_efforts(self) -> NDArray[np.float64]:
+        """Drive torques [N m], mean over the physics steps of the last tick, shape (joints,)."""
+        return self._mean_efforts[:-_NUM_TRACKS]
+
+    @property
+    def drive_forces(self) -> NDArray[np.float64]:
+        """Forces of the drives on their belts [N], mean over the physics steps of the last tick,
+        positive forward, shape (2,).
+        """
+        return self._mean_efforts[-_NUM_TRACKS:]
+
+    @property
+    def cylinders(self) -> dict[str, CylinderState]:
+        """State of the cylinders, by the joint that they drive, with forces from `joint_efforts`
+        and pressures from these forces.
+        """
+        machine = self.machine
+        return machine.hydraulics.states(
+            machine.joint_positions.tolist(),
+            machine.joint_velocities.tolist(),
+            self.joint_efforts.tolist(),
+        )
+
+    @property
+    def _mean_efforts(self) -> NDArray[np.float64]:
+        # The torque of a drum in soil can alternate between the steps of a tick: the power from
+        # the last steps alone would be wrong by 10 %.
+        efforts = np.array(self._efforts or [self._drive_efforts])
+        mean: NDArray[np.float64] = efforts.mean(axis=0)
+        return mean
+
+    @property
+    def _drive_efforts(self) -> NDArray[np.float64]:
+        """Torques of the joints [N m], then forces of the tracks' drives [N], in the last step."""
+        return np.concatenate([self.machine.joint_efforts, self.machine.tracks.drive_forces])
+
     def begin_tick(self, tick: int) -> None:
         """Begin the tick of a number."""
+        self._efforts = []
         for coupling in self.couplings.values():
             coupling.begin_tick(tick)
 
@@ -151,6 +191,7 @@ class SimulatedMachine:
     def after_step(self) -> None:
         """Read poses and motions after a physics step."""
         self.machine.after_step()
+        self._efforts.append(self._drive_efforts)
         for coupling in self.couplings.values():
             coupling.after_step()
 

@@ -112,7 +112,7 @@ class WorldScene:
                         "cap": state.cap_side_pressure,
                         "rod": state.rod_side_pressure,
                     }
-                    for joint, state in machine.cylinders.items()
+                    for joint, state in simulated.cylinders.items()
                 }
             )
             self.scene.machines_changed()

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from machine_sim.commands import AppliedCommand
-from machine_sim.machine import TrackedMachine
 from machine_sim.machine.cylinder_visuals import cylinder_joint_states
 from machine_sim.machine.description import DescriptionMeshes, description_text
 from machine_sim.machine.forward_kinematics import link_frame_name, link_poses
@@ -131,7 +130,7 @@ class MachinePublishers:
         motion = ReportedMotion.of_machine(machine, velocity_scale)
         belt_speeds = velocity_scale * machine.tracks.speed
         self._state_publishers.publish_state(
-            self._joint_values(motion, machine, belt_speeds.tolist()),
+            self._joint_values(motion, simulated, belt_speeds.tolist()),
             BaseState(*motion.base_pose, *motion.base_velocity),
             PayloadState(**asdict(simulated.payload), time_s=time),
             {
@@ -142,11 +141,11 @@ class MachinePublishers:
         )
         cylinders = {
             joint: state._replace(speed=velocity_scale * state.speed)
-            for joint, state in machine.cylinders.items()
+            for joint, state in simulated.cylinders.items()
         }
         self._state_publishers.publish_cylinders(cylinders, time)
         tracks = machine.tracks
-        columns = (tracks.slip, tracks.sinkage, belt_speeds, tracks.drive_forces)
+        columns = (tracks.slip, tracks.sinkage, belt_speeds, simulated.drive_forces)
         left, right = (TrackValues(*map(float, row)) for row in zip(*columns, strict=True))
         self._state_publishers.publish_tracks(left, right, time)
 
@@ -160,7 +159,7 @@ class MachinePublishers:
         self._sensor_publishers.publish_encoders(self.instance.spec.joint_names, *encoders)
 
     def _joint_values(
-        self, motion: ReportedMotion, machine: TrackedMachine, belt_speeds: list[float]
+        self, motion: ReportedMotion, simulated: SimulatedMachine, belt_speeds: list[float]
     ) -> JointValues:
         """Return the values of the machine's joints, then of pistons, then of the sprockets."""
         spec = self.instance.spec
@@ -173,8 +172,8 @@ class MachinePublishers:
             [*angles, *pistons.positions, *self._odometer.angles],
             [*rates, *pistons.velocities, *(speed / radius for speed in belt_speeds)],
             [
-                *machine.joint_efforts,
+                *simulated.joint_efforts,
                 *[0.0] * len(pistons.names),
-                *(radius * machine.tracks.drive_forces),
+                *(radius * simulated.drive_forces),
             ],
         )

@@ -79,10 +79,11 @@ _MACHINE_STATE = (
     Endpoint(
         topics.JOINT_STATES, _JOINTS, _MACHINE, (MACHINE,), (OPERATOR, *_PAGES), "STATE",
         "`state_rate`, 50 Hz",
-        "position [rad], velocity [rad/s] and effort (torque of the drive, [N m]) of all joints,"
-        " with the sprockets (`left_sprocket`, `right_sprocket`: travel of the belt since the start"
-        " of the run over its radius, not wrapped), the joints of the cylinders and the virtual"
-        " joints of the base (`base_x` ... `base_roll`), both without effort",
+        "position [rad], velocity [rad/s] and effort (torque of the drive, mean over the physics"
+        " steps of the tick, [N m]) of all joints, with the sprockets (`left_sprocket`,"
+        " `right_sprocket`: travel of the belt since the start of the run over its radius, not"
+        " wrapped), the joints of the cylinders and the virtual joints of the base (`base_x` ..."
+        " `base_roll`), both without effort",
     ),
     Endpoint(
         topics.ODOM, "nav_msgs/msg/Odometry", _MACHINE, (MACHINE,), (OPERATOR, *_PAGES), "STATE",
@@ -90,13 +91,14 @@ _MACHINE_STATE = (
     ),
     Endpoint(
         topics.CYLINDERS, _FLOATS, _MACHINE, (MACHINE,), _PAGES, "STATE", "`state_rate`, 50 Hz",
-        "labelled: length [m], speed [m/s], force [N] and pressures of cap and rod side [Pa] of"
-        " each cylinder, time [s]",
+        "labelled: length [m], speed [m/s], force (mean over the physics steps of the tick, [N])"
+        " and pressures of cap and rod side at this force [Pa] of each cylinder, time [s]",
     ),
     Endpoint(
         topics.TRACKS, _FLOATS, _MACHINE, (MACHINE,), (), "STATE", "`state_rate`, 50 Hz",
         "labelled: slip (mean of 0.5 s), sinkage [m], speed of the belt [m/s] and force of its"
-        " drive [N] of the left and the right track, time [s]",
+        " drive (mean over the physics steps of the tick, [N]) of the left and the right track,"
+        " time [s]",
     ),
     Endpoint(
         topics.PAYLOAD, _FLOATS, _MACHINE, (MACHINE,), (OPERATOR, *_PAGES), "STATE",

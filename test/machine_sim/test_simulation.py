@@ -8,7 +8,7 @@ import pytest
 from support.machine_scenes import GRID, excavator, load_shipped_machine, machine_on_level_ground
 
 from machine_sim.dem import ParticleParams
-from machine_sim.machine import MachineError
+from machine_sim.machine import MachineError, TrackedMachine
 from machine_sim.params import MachineSimParams
 from machine_sim.simulated_machine import Placement
 from machine_sim.simulation import MachineSim
@@ -99,6 +99,34 @@ def test_payload_loads_the_machine() -> None:
         boom.append(abs(machine.machine.joint_efforts[1]))
         machine.close()
     assert boom[0] > boom[1] + 20e3  # 0.8 t at more than 2.5 m
+
+
+def test_efforts_are_the_mean_over_the_steps_of_a_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps: list[tuple[np.ndarray, np.ndarray]] = []
+    after_step = TrackedMachine.after_step
+
+    def recorded(self: TrackedMachine) -> None:
+        after_step(self)
+        steps.append((self.joint_efforts, self.tracks.drive_forces.copy()))
+
+    monkeypatch.setattr(TrackedMachine, "after_step", recorded)
+    machine = machine_on_level_ground(params=MachineSimParams(steps_per_tick=4))
+    simulated = machine.simulated_machines[0]
+    machine.command(np.full(4, 0.3), np.full(2, 0.5))
+    for _ in range(20):
+        steps.clear()
+        machine.step()
+        machine.apply(*NOTHING)
+    joints, drives = (np.array(each) for each in zip(*steps, strict=True))
+    assert joints.shape == (4, 4)
+    assert np.ptp(joints, axis=0).max() > 100.0, "the steps differ"
+    np.testing.assert_allclose(simulated.joint_efforts, joints.mean(axis=0))
+    np.testing.assert_allclose(simulated.drive_forces, drives.mean(axis=0))
+    linkage = machine.machine.spec.cylinders["boom"].linkage
+    _, lever_arm = linkage.length_and_lever_arm(machine.machine.joint_positions[1])
+    force = simulated.joint_efforts[1] / lever_arm
+    assert simulated.cylinders["boom"].force == pytest.approx(force)
+    machine.close()
 
 
 def test_payload_is_the_soil_in_the_bucket(machine: MachineSim) -> None:

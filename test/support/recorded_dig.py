@@ -129,7 +129,7 @@ class RecordedDig:
                 machine.spec.joint_names,
                 machine.joint_positions,
                 machine.joint_velocities,
-                machine.joint_efforts,
+                run.machine.simulated_machines[0].joint_efforts,
             )
             self._publish("joint_states", to_joint_state(joints, base, stamp))
             self._publish("odom", to_odometry(base, "base_link", stamp))

@@ -229,6 +229,24 @@ def test_states_are_published_at_their_rates_and_applied_commands_each_tick(ros:
     assert {"boom_rod_left_stroke", "bucket_rocker_pin"} < set(names[4:-6])
 
 
+def test_published_efforts_are_the_mean_over_the_steps_of_a_tick(ros: Ros) -> None:
+    states = ros.collect("/excavator/joint_states", JointState, qos.STATE)
+    scene = Scene(ros)
+    node = scene.machine(state_rate=1.0 / TICK)
+    scene.until_tick(3)
+    scene.pause()
+    ros.spin_until(
+        lambda: states and tick_from_stamp(states[-1].header.stamp, TICK) == node.run.tick
+    )
+    (simulated,) = node.run.sim.simulated_machines
+    efforts = dict(zip(states[-1].name, states[-1].effort, strict=True))
+    assert [efforts[name] for name in NAMES] == simulated.joint_efforts.tolist()
+    assert simulated.joint_efforts.tolist() != simulated.machine.joint_efforts.tolist()
+    sprockets = [efforts["left_sprocket"], efforts["right_sprocket"]]
+    radius = simulated.machine.spec.tracks.sprocket_radius
+    assert sprockets == (radius * simulated.drive_forces).tolist()
+
+
 def test_each_topic_has_its_qos_profile(ros: Ros) -> None:
     machine = Scene(ros).machine()
 
