@@ -1,5 +1,5 @@
 import assert from "node:assert/strict";
-import { describe, it } from "node:test";
+import { beforeEach, describe, it } from "node:test";
 import { keyDeflections } from "../src/driving/deflections";
 import { gamepadDeflections } from "../src/driving/gamepad_mapping";
 import { Gamepads } from "../src/driving/gamepads";
@@ -88,40 +88,91 @@ describe("the space bar", () => {
   });
 });
 
-describe("a gamepad while a dialog is open", () => {
-  it("stops the machine and does nothing else, until its sticks were in their middle after that", () => {
-    const pad = { index: 0, id: "pad", mapping: "standard", axes: [0, 0, 0, 0], buttons: [] };
-    let poll = () => {};
-    const window = {
-      addEventListener() {},
-      cancelAnimationFrame() {},
-      requestAnimationFrame: (f) => ((poll = f), 1),
-      navigator: { getGamepads: () => [pad] },
+describe("a connected gamepad", () => {
+  let pad;
+  let pads;
+  let window;
+  let timers;
+  let isBlocked;
+  let deflection;
+  let actions;
+
+  beforeEach(() => {
+    pad = { index: 0, id: "pad", mapping: "standard", axes: [0, 0, 0, 0], buttons: [] };
+    pads = [pad];
+    timers = new Map();
+    isBlocked = false;
+    deflection = 0;
+    actions = [];
+    const listeners = {};
+    window = {
+      listeners,
+      addEventListener: (type, f) => (listeners[type] = f),
+      setInterval: (f) => (timers.set(timers.size + 1, f), timers.size),
+      clearInterval: (id) => timers.delete(id),
+      navigator: { getGamepads: () => pads },
+      document: { hidden: false },
     };
-    let isBlocked = true;
-    let deflection = 0;
-    const actions = [];
     new Gamepads(window, {
       isBlocked: () => isBlocked,
-      deflected: ({ left_x }) => (deflection = left_x ?? 0),
+      deflected: ({ left_x }) => (deflection = Math.abs(left_x ?? 0)),
       stopPressed: () => actions.push("stop"),
       startPressed: () => actions.push("start"),
       connectionChanged() {},
     });
-    const read = (x) => {
-      pad.axes = [x, 0, 0, 0];
-      poll();
-      return Math.abs(deflection);
-    };
+  });
+
+  const runTimers = () => timers.forEach((f) => f());
+  const read = (x) => {
+    pad.axes = [x, 0, 0, 0];
+    runTimers();
+    return deflection;
+  };
+  const press = (isPressed) => {
+    pad.buttons = Array.from({ length: 17 }, () => ({ pressed: isPressed, value: 0 }));
+    runTimers();
+  };
+
+  it("is read without a drawn frame", () => {
+    assert.equal(read(1), 1);
+    press(true);
+    press(false);
+    assert.equal(read(0), 0);
+    assert.deepEqual(actions, ["stop", "start"]);
+  });
+
+  it("stops the machine and does nothing else while a dialog is open, until its sticks were in their middle after that", () => {
+    isBlocked = true;
     read(0);
-    pad.buttons = Array.from({ length: 17 }, () => ({ pressed: true, value: 0 }));
+    press(true);
     assert.equal(read(1), 0);
     assert.deepEqual(actions, ["stop"]);
-    pad.buttons = [];
+    press(false);
     isBlocked = false;
     assert.equal(read(1), 0);
     read(0);
     assert.equal(read(1), 1);
+  });
+
+  it("does not move the machine from a hidden page", () => {
+    assert.equal(read(1), 1);
+    window.document.hidden = true;
+    assert.equal(read(1), 0);
+    read(0);
+    assert.equal(read(1), 0);
+    window.document.hidden = false;
+    assert.equal(read(1), 0);
+    read(0);
+    assert.equal(read(1), 1);
+  });
+
+  it("that is no longer listed is at rest before its disconnection is reported", () => {
+    read(1);
+    pads = [null];
+    runTimers();
+    assert.equal(deflection, 0);
+    window.listeners.gamepaddisconnected();
+    assert.equal(timers.size, 0);
   });
 });
 
