@@ -87,6 +87,37 @@ describe("a driving session", () => {
     assert.deepEqual(lastDrive().deflections, { left_y: 0.5 });
   });
 
+  it("begins with the on-screen lever whose deflection asked for control", () => {
+    session.setDeflections("gamepad", { right_y: 1 });
+    session.setTouchDeflections({});
+    session.setTouchDeflections({ left_x: 0.5 });
+    assert.deepEqual(sent, [{ type: "take_control", machine: MACHINE }]);
+    session.setTouchDeflections({ left_x: 1 });
+    session.receiveControl(drivers(true));
+    assert.deepEqual(lastDrive().deflections, { left_x: 1 });
+    session.setTouchDeflections({});
+    assert.deepEqual(lastDrive().deflections, {});
+  });
+
+  it("neither begins nor moves with an on-screen lever that was deflected while another page drove", () => {
+    session.receiveControl(drivers(false));
+    session.setTouchDeflections({ left_x: 0.5 });
+    session.receiveControl({ type: "control", drivers: {} });
+    session.setTouchDeflections({ left_x: 1 });
+    assert.deepEqual(sent, []);
+    drive();
+    session.setTouchDeflections({ left_x: 0.9 });
+    session.tick();
+    assert.deepEqual(lastDrive().deflections, {});
+  });
+
+  it("ignores an on-screen lever until its release if all levers were released before control was granted", () => {
+    session.setTouchDeflections({ left_x: 1 });
+    session.setEmergencyStop(true);
+    session.receiveControl(drivers(true));
+    assert.deepEqual(lastDrive().deflections, {});
+  });
+
   it("adds the deflections of gamepad and touch, within the limits", () => {
     drive();
     session.setDeflections("gamepad", { left_y: 0.8, left_x: -0.2 });

@@ -31,6 +31,8 @@ export class DrivingSession {
   private mayDrive = false;
   private drivers: ControlMessage["drivers"] = {};
   private isRequested = false;
+  /** Source whose deflection asked for control. */
+  private requester: DeflectionSource | null = null;
   private held: readonly string[] = [];
   private readonly sources: Record<DeflectionSource, Deflections> = { gamepad: {}, touch: {} };
   private readonly waitsForRest: Record<DeflectionSource, boolean> = { gamepad: false, touch: false };
@@ -125,6 +127,7 @@ export class DrivingSession {
     const { state, machine } = this;
     if (machine === null || !(state === "free" || (state === "taken" && force))) return;
     this.isRequested = true;
+    this.requester = null;
     this.send(force ? { type: "take_control", machine, force } : { type: "take_control", machine });
     this.changed();
   }
@@ -145,8 +148,22 @@ export class DrivingSession {
   }
 
   /**
+   * Receive the deflections of the on-screen levers. A finger that deflects a lever from rest takes control of a free
+   * machine and moves it, as a lever key does; one that was on a lever before the machine became free does not.
+   */
+  setTouchDeflections(deflections: Deflections): void {
+    const wasAtRest = isAtRest(mergeDeflections(this.sources.touch));
+    if (wasAtRest && !isAtRest(mergeDeflections(deflections)) && this.state === "free") {
+      this.takeControl();
+      this.requester = "touch";
+    }
+    this.setDeflections("touch", deflections);
+  }
+
+  /**
    * Receive the deflections of a source. A source that is deflected when control begins, or when all levers are
    * released, counts again only after it was in its middle: a hand that rests on a stick does not start the machine.
+   * If a deflection of this source asked for control, the source counts from the beginning of control.
    */
   setDeflections(source: DeflectionSource, deflections: Deflections): void {
     if (isAtRest(mergeDeflections(deflections))) this.waitsForRest[source] = false;
@@ -193,14 +210,16 @@ export class DrivingSession {
 
   private begin(): void {
     this.isRequested = false;
-    this.requireRest();
+    this.requireRest(this.requester);
+    this.requester = null;
     this.send({ type: "speed", value: this.fullDeflection });
     this.sendLevers();
   }
 
-  /** Ignore each source that is deflected now until it was released. */
-  private requireRest(): void {
+  /** Ignore each source, except one, that is deflected now until it was released. */
+  private requireRest(except: DeflectionSource | null = null): void {
     for (const source of ["gamepad", "touch"] as const) {
+      if (source === except) continue;
       this.waitsForRest[source] ||= !isAtRest(mergeDeflections(this.sources[source]));
     }
   }

@@ -25,7 +25,7 @@ const BAG_KEYS: readonly (readonly [string, string])[] = [
 
 /** A step of the instructions; a motion in brackets is replaced by it and its keys. */
 const DIG_STEPS = [
-  ["Take control", "Press the button or any lever key. A machine moves only while you hold a key, stick or lever; let go and it stops."],
+  ["Take control", "Press the button or any lever key, or touch an on-screen lever. A machine moves only while you hold a key, stick or lever; let go and it stops."],
   ["Reach", "Open the bucket and push the arm out, then lower the boom until the teeth touch the ground.", "bucket dump", "arm out", "boom down"],
   ["Dig", "Pull the arm in and curl the bucket as it fills. If the arm stalls, raise the boom a little: a shallower cut needs less force.", "arm in", "bucket curl in", "boom up"],
   ["Lift", "Curl the bucket fully in and raise the boom clear of the ground.", "bucket curl in", "boom up"],

@@ -73,7 +73,7 @@ class Composition implements UserInterface, UiContext {
     this.stop = new EmergencyStop(this, () => this.releaseInputs());
     this.banners = new Banners(this, () => this.stop.release());
     this.driveBar = new DriveBar(this, (on) => this.setTouch(on));
-    this.touch = new TouchPanels(this, (deflections) => this.touched(deflections));
+    this.touch = new TouchPanels(this, (deflections) => this.session.setTouchDeflections(deflections));
     this.timeline = new Timeline(this);
     this.help = new Help(this);
     this.login = new Login(this, () => this.openSource("live"));
@@ -230,11 +230,6 @@ class Composition implements UserInterface, UiContext {
   private heldChanged(held: string[]): void {
     if (held.length > 0 && this.session.state === "free") this.session.takeControl();
     this.session.setHeldKeys(held);
-  }
-
-  private touched(deflections: Deflections): void {
-    if (!isAtRest(mergeDeflections(deflections)) && this.session.state === "free") this.session.takeControl();
-    this.session.setDeflections("touch", deflections);
   }
 
   /** Receive a key that is no lever; return whether it had a meaning. */
