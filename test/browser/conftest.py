@@ -60,9 +60,13 @@ class OpenPage:
         self._browser = browser
         self.pages: list[LivePage] = []
 
-    def __call__(self, url: str, *, width: int = 640, height: int = 480) -> LivePage:
+    def __call__(
+        self, url: str, *, width: int = 640, height: int = 480, is_phone: bool = False
+    ) -> LivePage:
         """Open an address in a window of its own, small because WebGL is in software."""
-        context = self._browser.new_context(viewport={"width": width, "height": height})
+        context = self._browser.new_context(
+            viewport={"width": width, "height": height}, is_mobile=is_phone, has_touch=is_phone
+        )
         page = LivePage(context, url)
         self.pages.append(page)
         return page
