@@ -49,7 +49,7 @@ class Scene:
         machines: machines by namespace.
         clouds: PARTICLE rows by the namespace of their machine node.
         tick: last tick; -1 before the first.
-        time: simulation time [s].
+        time: simulation time at the end of `tick` [s]; 0 before the first.
         is_paused: whether simulated time stands still.
         ledger: the ledger of `tick`; None before the first.
         status: conditions of the nodes and what is waited for, by name.
@@ -86,6 +86,17 @@ class Scene:
     def run_id(self) -> int:
         """Number of the run; 0 before it is known."""
         return self.terrain.run_id or 0
+
+    @property
+    def known_time(self) -> float | None:
+        """Simulation time of what is shown [s]; None: not known.
+
+        Before the first tick, as at the beginning of a recording that began during a run, it is the
+        newest time of a machine.
+        """
+        if self.ledger is not None:
+            return self.time
+        return max((view.time for view in self.machines.values() if view.joints), default=None)
 
     @property
     def real_time_factor(self) -> float:

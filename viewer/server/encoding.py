@@ -127,7 +127,7 @@ class SceneEncoder:
         return {
             "run_id": pack(scene.run_id),
             "tick": pack(scene.tick),
-            "time": pack(scene.time),
+            "time": pack(scene.known_time),
             "paused": pack(scene.is_paused),
             "rtf": pack(scene.real_time_factor),
             "machines": self.machines(),

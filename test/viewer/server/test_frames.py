@@ -164,3 +164,14 @@ def test_new_run_sends_site_and_all_tiles_again() -> None:
     scene.terrain_changed()
     assert page.receive() == ["site", "frame"]
     np.testing.assert_array_equal(page.heights(terrain.grid), restarted.height)
+
+
+def test_time_before_the_first_tick_is_that_of_the_newest_machine() -> None:
+    scene = Scene()
+    encoder = SceneEncoder(scene)
+    assert msgpack.unpackb(encoder.common()["time"]) is None
+    scene.machine("/waiting")
+    for name, time in (("/a", 3.14), ("/b", 3.1)):
+        scene.machine(name).set_joints(time, ["boom"], [0.0], [], [])
+    frame = {name: msgpack.unpackb(value) for name, value in encoder.common().items()}
+    assert (frame["time"], frame["tick"], frame["ledger"]) == (3.14, -1, {})

@@ -193,9 +193,10 @@ export interface FrameMessage {
   type: "frame";
   seq: number;
   run_id: number;
+  /** Last tick; -1 while none is known. */
   tick: number;
-  /** Simulation time [s]. */
-  time: number;
+  /** Simulation time [s]; null while none is known. */
+  time: number | null;
   paused: boolean;
   /** Real-time factor. */
   rtf: number;

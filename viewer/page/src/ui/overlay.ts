@@ -114,7 +114,7 @@ class SimulationSection {
   update({ app }: UiContext): void {
     const { frame } = app.world;
     this.time.setValue(formatValue(frame?.time, 2, "s"));
-    this.tick.setValue(formatInteger(frame?.tick));
+    this.tick.setValue(frame === null || frame.tick < 0 ? UNKNOWN : formatInteger(frame.tick));
     this.factor.setValue(frame ? `× ${formatNumber(frame.rtf, 2)}` : UNKNOWN);
     setAttribute(this.factor.element, "data-warning", frame !== null && !frame.paused && frame.rtf < 0.9);
     this.state.setValue(frame === null ? UNKNOWN : frame.paused ? "paused" : "running");
