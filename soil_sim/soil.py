@@ -32,11 +32,20 @@ from soil_sim.slope_failure import ColumnShares, SlopeRelaxation, relaxation_noi
 from soil_sim.soils.params import SoilParams
 from soil_sim.soils.soil_types import build_soil_tables
 from soil_sim.sweep_validation import validate_sweeps
-from soil_sim.tool_force.tool_forces import ToolForces, set_milling_forces, zero_tool_forces
-from soil_sim.tool_sweeps import MachineSweeps, ValidSweeps, group_by_machine
+from soil_sim.tool_force.tool_forces import (
+    ToolForces,
+    cutting_work,
+    set_milling_forces,
+    zero_tool_forces,
+)
+from soil_sim.tool_sweeps import CutSweep, MachineSweeps, ValidSweeps, group_by_machine
 from soil_sim.track_occupancy import TrackOccupancy
 
 __all__ = ["Soil", "SoilStepResult"]
+
+
+_ToolWork = dict[tuple[int, int], float]
+"""Work of tools [J], by ids of machine and tool."""
 
 
 class SoilStepResult(NamedTuple):
@@ -119,6 +128,7 @@ class Soil:
             self.columns, num_interpolated=self.params.num_interpolated_key_points
         )
         self._tool_forces = ToolForces(self.columns, self.soil_types)
+        self._has_rock = bool((self._tool_forces.strength["tensile_strength"] > 0.0).any())
         self._sinkage = sinkage_table(self.soil_types)
         self._track_occupancy = TrackOccupancy(self.relaxation.occupied)
         self._changes = ChangeTracker(self.columns)
@@ -234,7 +244,8 @@ class Soil:
             deposit_requests, tick, self.columns.frame, len(self.soil_types)
         )
         forces = self._compute_tool_forces(valid_sweeps)
-        excavated, displaced, millings = self._excavate(tick, valid_sweeps)
+        work = self._cutting_work(forces, valid_sweeps)
+        excavated, displaced, millings = self._excavate(tick, valid_sweeps, work)
         if self.params.force_mode != "none":
             forces = set_milling_forces(forces, millings)
         num_visits = deposit(
@@ -254,10 +265,21 @@ class Soil:
             return zero_tool_forces(sweeps)
         return self._tool_forces.compute(sweeps)
 
+    def _cutting_work(self, forces: Rows, sweeps: ValidSweeps) -> _ToolWork:
+        """Return `cutting_work`, empty where nothing is limited by it: without rock or forces."""
+        if not self._has_rock or self.params.force_mode == "none":
+            return {}
+        return cutting_work(forces, sweeps)
+
     def _excavate(
-        self, tick: int, sweeps: ValidSweeps
+        self, tick: int, sweeps: ValidSweeps, work: _ToolWork
     ) -> tuple[Rows, ColumnShares | None, list[Milling]]:
         """Cut, mill and compact with the tools of all machines.
+
+        Args:
+            tick: number of the tick.
+            sweeps: valid sweeps.
+            work: `_cutting_work` of the tick.
 
         Returns:
             (CONVERSION rows of the excavated soil, soil that the tools push ahead, what each drum
@@ -268,7 +290,7 @@ class Soil:
         pressed: dict[int, dict[int, NDArray[np.int64]]] = {}
         if self.params.cut_mode == "swept":
             self._swept_cut.reserve([cut for machine in machines for cut in machine.cuts])
-            removed = [self._cut(machine, millings) for machine in machines]
+            removed = [self._cut(machine, millings, work) for machine in machines]
             pressed = {machine.machine_id: self._compact(machine) for machine in machines}
         else:
             removed = [self._cut_at_key_points(machine) for machine in machines]
@@ -284,18 +306,30 @@ class Soil:
         ]
         return join_rows(parts, CONVERSION), displaced, millings
 
-    def _cut(self, machine: MachineSweeps, millings: list[Milling]) -> list[RemovedSoil]:
+    def _cut(
+        self,
+        machine: MachineSweeps,
+        millings: list[Milling],
+        cutting_work: _ToolWork,
+    ) -> list[RemovedSoil]:
         """Return the soil that each tool removes; add what drums engage to `millings`."""
         removed = []
         for cut in machine.cuts:
             if cut.work is None:
-                removed.append(self._swept_cut.excavate(cut))
+                removed.append(self._cut_with_plates(cut, cutting_work))
                 continue
             work = math.inf if self.params.force_mode == "none" else cut.work  # nothing resists
             milled, milling = self._swept_cut.mill(cut, work, self._tool_forces.strength)
             removed.append(milled)
             millings.append(milling)
         return removed
+
+    def _cut_with_plates(self, cut: CutSweep, cutting_work: _ToolWork) -> RemovedSoil:
+        """Return the soil that a tool with plates removes."""
+        work = cutting_work.get((cut.machine_id, cut.tool))
+        if work is None:
+            return self._swept_cut.excavate(cut)
+        return self._swept_cut.excavate_with_rock(cut, work, self._tool_forces.strength)
 
     def _compact(self, machine: MachineSweeps) -> dict[int, NDArray[np.int64]]:
         """Press soil down; return the columns under each track that moved, by tool id."""

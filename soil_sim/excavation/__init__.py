@@ -4,6 +4,7 @@
 - `displacement`: soil for which the tool has no room is pushed ahead
 - `rasterize`: the swept surface of a tool, rasterized to subcolumns; `rasterize_triangle`: the
   triangles it is made of
+- `rock_cut`: the same in ground with rock, which yields to the work of cutting only
 - `milled_cut`: the same for a drum, as far as its work suffices
 - `refined_columns`: columns that a tool is in, refined into subcolumns
 - `keypoint_cut`: the digging rule of the 2014 reference

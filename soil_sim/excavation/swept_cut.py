@@ -11,6 +11,8 @@ soil does not slide into the space that the tool fills. When no tool was in it f
 column is levelled to the mean of its subcolumns, and the shape of the cut within it is discarded. A
 tool that returns to a column that it cut halfway therefore meets soil at half the depth.
 
+Rock is removed only as far as the work of the resistance to cutting suffices (`rock_cut`).
+
 A tool without room for all of the soil pushes the rest ahead (`soil_sim.excavation.displacement`).
 A tool at rest takes in nothing: soil that slides or falls on the columns under it is pushed aside.
 """
@@ -39,6 +41,7 @@ from soil_sim.excavation.refined_columns import (
     RefinedColumns,
 )
 from soil_sim.excavation.removed_soil import REMOVED_SOIL, RemovedSoil
+from soil_sim.excavation.rock_cut import cut_sweep_in_rock
 from soil_sim.slope_failure.runout import ColumnShares
 from soil_sim.tool_sweeps import CutSweep
 
@@ -96,11 +99,41 @@ class SweptCut:
         Returns:
             The soil that the tool takes in, a record for each column.
         """
-        pairs, room, refined = sweep.pairs, sweep.room_mm3, self._refined
+        pairs, refined = sweep.pairs, self._refined
         removed: RemovedSoil
         refined.count, removed = _cut_sweep(
             *pairs, self._raster, self._columns.boxed_arrays, refined.tick, refined.count
         )
+        return self._take_in(removed, sweep)
+
+    def excavate_with_rock(
+        self, sweep: CutSweep, work: float, strength: NDArray[np.void]
+    ) -> RemovedSoil:
+        """Cut like `excavate` in terrain that has rock, which yields to work only.
+
+        Args:
+            sweep: sweep of the tool.
+            work: work of the resistance to cutting in the tick [J].
+            strength: `strength_table` of the kinds of soil.
+        """
+        refined = self._refined
+        refined.count = cut_sweep_in_rock(
+            *sweep.pairs,
+            work,
+            self._raster,
+            refined.tick,
+            refined.count,
+            self._columns.boxed_arrays,
+            strength,
+        )
+        removed: RemovedSoil = _remove_from_columns(
+            self._columns.boxed_arrays, refined.boxed_arrays, refined.count
+        )
+        return self._take_in(removed, sweep)
+
+    def _take_in(self, removed: RemovedSoil, sweep: CutSweep) -> RemovedSoil:
+        """Return what the tool has room for of the soil it removed; displace the rest."""
+        pairs, room = sweep.pairs, sweep.room_mm3
         if room == UNLIMITED_ROOM or removed.size == 0:
             return removed
         if np.abs(pairs.points[:, 1] - pairs.points[:, 0]).max() < _MIN_DISPLACEMENT:

@@ -11,7 +11,7 @@
 - `side_plate`: resistance to the side of a tool that moves sideways
 - `bearing_capacity`: force of the soil on plates and the cutting edge that rest on it (Vesic)
 - `stationary_drum`: force of the soil on a drum that is not driven
-- `specific_energy`: work of milling for a volume of soil
+- `specific_energy`: work of milling for a volume of soil, and of cutting for one of rock
 - `tool_forces`: all forces of a tick, as FORCE rows
 
 The forces are quasi-static: they do not depend on speed. Units are SI, angles are in rad.

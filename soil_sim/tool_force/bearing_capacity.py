@@ -9,8 +9,16 @@ of the plate; the cutting edge, a strip as wide as the edge is thick, carries it
 
 (Vesic, Analysis of ultimate loads of shallow foundations, J. Soil Mech. Found. Div. ASCE 99, SM1,
 1973). B is the width of the footing, q_0 the overburden beside it, on the lower side, to which the
-soil would yield. The floor of the terrain bears like rock, upward. The force is published in every
-tick as the maximum that the soil carries; the machine applies the part that balances its load.
+soil would yield. The floor of the terrain bears like rock, upward.
+
+Soil takes the shape of the tool that sinks into it, so that its plates find support. Rock does not:
+a tool stands on rock with what is lowest, often the edge between two plates or at the end of the
+last one. In rock, these edges and the middle line of each plate are therefore strips like the
+cutting edge. Rock bears upward, as it does not yield sideways either, and in proportion to the
+penetration (Winkler's foundation), so that the support is where the tool would sink deepest.
+
+The force is published in every tick as the maximum that the soil carries; the machine applies the
+part that balances its load.
 """
 
 from __future__ import annotations
@@ -91,7 +99,7 @@ def add_bearing_force(points, origin, columns, grid_layout, strength, sums):  # 
             fraction = (strip + 0.5) / _NUM_STRIPS
             at = scale(0.5, add(scale(1.0 - fraction, add(a, c)), scale(fraction, add(b, d))))
             i = column_index_at(at[0], at[1], grid_layout)
-            if i < 0:
+            if i < 0 or _stands_on_rock(i, at[2], columns, strength):
                 continue
             # Compare the plate above the centre of the column with the height of the column, which
             # is that of the end of the last tick.
@@ -120,6 +128,7 @@ def add_bearing_force(points, origin, columns, grid_layout, strength, sums):  # 
                 capacity = bearing_capacity(pad_column[n], footing_width, 0.0, columns, strength)
             add_force(sums, (x, y, z), scale(area * capacity, (nx, ny, nz)))
     _add_edge_bearing(points, origin, columns, grid_layout, strength, sums)
+    _add_rock_bearing(points, origin, columns, grid_layout, strength, sums)
 
 
 @helper(forceinline=True)
@@ -147,6 +156,8 @@ def _add_edge_bearing(points, origin, columns, grid_layout, strength, sums):  # 
         i = column_index_at(at[0], at[1], grid_layout)
         if i < 0 or columns.height[i] + _CONTACT_GAP <= at[2]:
             continue
+        if _stands_on_rock(i, at[2], columns, strength):
+            continue
         surcharge_depth = math.inf
         for sign in (-1.0, 1.0):
             j = column_index_at(at[0] + sign * side_x, at[1] + sign * side_y, grid_layout)
@@ -160,6 +171,62 @@ def _add_edge_bearing(points, origin, columns, grid_layout, strength, sums):  # 
             continue
         capacity = bearing_capacity(i, _EDGE_THICKNESS, surcharge_depth, columns, strength)
         add_force(sums, arm, scale(area * capacity, up))
+
+
+@helper(inline="always")
+def _add_rock_bearing(points, origin, columns, grid_layout, strength, sums):  # type: ignore[no-untyped-def]
+    """Add the maximum bearing force of rock on the edges and the middle lines of the plates."""
+    num_lines = len(points) - 1
+    depths = np.zeros((num_lines, _NUM_STRIPS))
+    deepest = 0.0
+    for line in range(num_lines):
+        for strip in range(_NUM_STRIPS):
+            at = _point_on_line(points, line, strip)
+            i = column_index_at(at[0], at[1], grid_layout)
+            if i >= 0:
+                depths[line, strip] = _rock_depth(i, at[2], columns, strength)
+                deepest = max(deepest, depths[line, strip])
+    if deepest <= 0.0:
+        return
+    width = norm(subtract(key_point(points, 1, 1), key_point(points, 0, 1)))
+    area = _EDGE_THICKNESS * width / _NUM_STRIPS
+    for line in range(num_lines):
+        for strip in range(_NUM_STRIPS):
+            if depths[line, strip] > 0.0:
+                at = _point_on_line(points, line, strip)
+                i = column_index_at(at[0], at[1], grid_layout)
+                force = area * bearing_capacity(i, _EDGE_THICKNESS, 0.0, columns, strength)
+                force *= depths[line, strip] / deepest
+                add_force(sums, subtract(at, origin), scale(force, _UP))
+
+
+@helper
+def _point_on_line(points, line, strip):  # type: ignore[no-untyped-def]
+    """Return the middle of a strip [m] of an edge (even line) or the middle line of a plate."""
+    first, second = line // 2, (line + 1) // 2
+    left = add(key_point(points, 2 * first, 1), key_point(points, 2 * second, 1))
+    right = add(key_point(points, 2 * first + 1, 1), key_point(points, 2 * second + 1, 1))
+    fraction = (strip + 0.5) / _NUM_STRIPS
+    return scale(0.5, add(scale(1.0 - fraction, left), scale(fraction, right)))
+
+
+@helper
+def _stands_on_rock(i, z, columns, strength):  # type: ignore[no-untyped-def]
+    """Return whether what column i bears at a height z [m] is the rock in it, not soil on rock."""
+    if strength[columns.soil[i]].tensile_strength <= 0.0:
+        return False
+    return columns.loose[i] == 0 or _rock_depth(i, z, columns, strength) > 0.0
+
+
+@helper
+def _rock_depth(i, z, columns, strength):  # type: ignore[no-untyped-def]
+    """Return the depth of a height below the rock of column i, plus the contact gap [m].
+
+    It is not positive where no rock is touched.
+    """
+    if strength[columns.soil[i]].tensile_strength <= 0.0:
+        return 0.0
+    return columns.height[i] - loose_cover(columns, i) + _CONTACT_GAP - z
 
 
 @helper

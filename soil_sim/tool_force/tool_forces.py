@@ -46,7 +46,7 @@ from soil_sim.tool_force.wrench import (
 from soil_sim.tool_sweeps import ValidSweeps
 from soil_sim.vec3 import add, key_point, scale
 
-__all__ = ["ToolForces", "set_milling_forces", "zero_tool_forces"]
+__all__ = ["ToolForces", "cutting_work", "set_milling_forces", "zero_tool_forces"]
 
 _CUT, _MILL = int(SweepAction.CUT), int(SweepAction.MILL)
 _REACTION_MILL, _REACTION_BEARING = int(SoilReaction.MILL), int(SoilReaction.BEARING)
@@ -100,6 +100,25 @@ def zero_tool_forces(sweeps: ValidSweeps) -> Rows:
     forces["machine_id"], forces["tool"] = first["machine_id"], first["tool"]
     forces["x"], forces["y"], forces["z"] = first["x1"], first["y1"], first["z1"]
     return forces
+
+
+def cutting_work(forces: Rows, sweeps: ValidSweeps) -> dict[tuple[int, int], float]:
+    """Return the work of the resistance to cutting of each tool in a tick [J], 0 or more.
+
+    Args:
+        forces: FORCE rows of `ToolForces.compute`.
+        sweeps: the sweeps that they are of.
+
+    Returns:
+        Resistance times displacement of the cutting edge, by ids of machine and tool.
+    """
+    work = {}
+    for force, first in zip(forces, sweeps.first_row.tolist(), strict=False):
+        edge = sweeps.points[first : first + 2]
+        dx, dy, dz = (edge[:, 1] - edge[:, 0]).mean(axis=0).tolist()
+        done = -(float(force["fx"]) * dx + float(force["fy"]) * dy + float(force["fz"]) * dz)
+        work[int(force["machine_id"]), int(force["tool"])] = max(done, 0.0)
+    return work
 
 
 def set_milling_forces(forces: Rows, millings: Sequence[Milling]) -> Rows:

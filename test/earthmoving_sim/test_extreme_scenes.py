@@ -1,4 +1,4 @@
-"""At the floor of the terrain, at the edge of the map, and over a cliff: no soil is lost."""
+"""At the floor of the terrain, at the edge of the map, over a cliff, on rock: no soil is lost."""
 
 from __future__ import annotations
 
@@ -42,30 +42,33 @@ class Digger:
         heights: NDArray[np.float64],
         *,
         x: float = 0.0,
-        reach: float = 6.8,
+        reach: float | None = 6.8,
         soil_depth: float = 20.0,
+        soil: str = "loam",
     ) -> None:
         """
         Args:
             heights: terrain [m], shape of `GRID`.
             x: position of the machine [m].
-            reach: initial distance of the lip from the swing axis [m].
+            reach: initial distance of the lip from the swing axis [m]; None: as its file has it.
             soil_depth: depth of the floor below the lowest height [m].
+            soil: kind of soil.
         """
-        soil = Soil(GRID, heights, SoilParams(soil="loam", soil_depth=soil_depth))
-        angles = solve_arm_angles(
-            EXCAVATOR, reach, 0.2 - arm_geometry(EXCAVATOR).swing[2], ATTITUDE
-        )
-        spec = replace(EXCAVATOR, home=np.array([0.0, *angles]))
+        ground = Soil(GRID, heights, SoilParams(soil=soil, soil_depth=soil_depth))
+        spec = EXCAVATOR
+        if reach is not None:
+            height = 0.2 - arm_geometry(EXCAVATOR).swing[2]
+            angles = solve_arm_angles(EXCAVATOR, reach, height, ATTITUDE)
+            spec = replace(EXCAVATOR, home=np.array([0.0, *angles]))
         self.sim = MachineSim(
             [Placement(spec, (x, 0.0))],
             GRID,
-            soil.columns.height,
-            soils=soil.loose_soils,
-            soil=soil.columns.top_soil,
-            moisture=soil.columns.top_moisture,
+            ground.columns.height,
+            soils=ground.loose_soils,
+            soil=ground.columns.top_soil,
+            moisture=ground.columns.top_moisture,
         )
-        self.world = World(soil, {1: self.sim})
+        self.world = World(ground, {1: self.sim})
         self.lowest, self.max_fill = np.inf, 0.0
         self._velocities = np.array([spec.joints[name].max_velocity for name in spec.joint_names])
 
@@ -135,3 +138,15 @@ def test_loaded_machine_that_rolls_over_a_cliff_loses_no_soil(make_digger) -> No
     assert digger.sim.machine.overturned
     assert digger.sim.payload.fill < 0.1
     digger.check()
+
+
+def test_machine_that_falls_on_its_bucket_does_not_dig_into_rock(make_digger) -> None:
+    digger = make_digger(np.zeros(GRID.shape), reach=None, soil="rock")
+    digger.hold((0.0, 0.11, -0.6, 0.0), 3.0)
+    digger.hold((0.0, 0.29, 0.0, 0.0), 3.5)
+    assert digger.sim.machine.tilt > 0.3, "it stands on its bucket"
+    digger.hold((0.0, 0.0, 0.6, 0.15), 5.5)  # the bucket rolls under it, and it falls
+    assert digger.sim.machine.tilt < 0.1
+    assert digger.lowest > -0.15
+    assert digger.world.soil.columns.height.min() > -0.15
+    assert digger.world.ledger.start - digger.world.ledger.terrain < 0.05e9

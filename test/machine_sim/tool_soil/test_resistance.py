@@ -2,7 +2,13 @@
 
 import numpy as np
 import pytest
-from support.machine_scenes import level_soil, loose_soil_options, machine_on_level_ground
+from support.machine_scenes import (
+    GRID,
+    level_soil,
+    loose_soil_options,
+    machine_on_level_ground,
+)
+from support.soil_scenes import reference_soil
 
 from earthmoving_sim.world import World
 from machine_sim.machine import MachineError
@@ -215,10 +221,13 @@ def test_bucket_pushed_down_on_its_back_lifts_the_machine(name) -> None:
     assert base[2] > 0.15
 
 
-def test_bucket_held_in_rock_turns_the_machine_when_it_swings() -> None:
+def test_bucket_that_swings_against_a_bank_of_rock_turns_the_machine() -> None:
+    heights = np.zeros(GRID.shape)
+    heights[np.ix_(GRID.x(np.arange(GRID.rows)) > 3.0, GRID.y(np.arange(GRID.cols)) > 0.7)] = 0.6
     into = ([0, 0.3, -0.1, -0.3], 200)
     swing = ([0.4, 0, 0, 0], 150)
     for name, held in (("rock", True), ("reference", False)):
-        (before, stood), (after, stands) = move_joints(level_soil(soil=name), into, swing)
-        assert (abs(after[1] - before[1]) < 0.2) == held
-        assert (abs(stands[1] - stood[1]) > 0.08) == held
+        soil = Soil(GRID, heights, reference_soil(soil=name))
+        (before, stood), (after, stands) = move_joints(soil, into, swing)
+        assert (abs(after[1] - before[1]) < 0.1) == held
+        assert abs(stands[1] - stood[1]) > 0.08

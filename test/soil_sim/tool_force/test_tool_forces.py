@@ -365,6 +365,18 @@ def test_bearing_force_on_bucket_is_capacity_of_a_footing(start, action) -> None
     assert 0.9 * 9.6e3 * 38.6 * 0.48 < found[2] < 2.0 * 9.6e3 * 38.6 * 0.48
 
 
+@pytest.mark.parametrize("depth", [0.0, 0.1])
+def test_rock_bears_a_tool_under_its_lowest_edge(depth) -> None:
+    on_end = ((0.0, 1.0), (-0.4, 1.2), (-0.8, 0.8), (-0.8, 0.0))  # of an upright plate
+    sweep = tool_sweep(on_end, (0, 0, 0.01), (0, 0, -depth))
+    rows = flat_soil(6.0, 0.2, soil="rock").step(0, sweep, NO_DEPOSIT_REQUESTS).forces
+    (row,) = rows[rows["reaction"] == SoilReaction.BEARING]
+    assert row["fx"] == row["fy"] == 0.0
+    assert row["fz"] > 1e6, "more than a machine weighs"
+    assert row["x"] == pytest.approx(-0.8)
+    assert row["z"] == pytest.approx(-depth, abs=1e-3)
+
+
 def test_bucket_in_the_air_has_no_bearing_force() -> None:
     above = bucket_sweep((0, 0, 0.05), (TRAVEL, 0, 0.05))
     assert not bearing_force(flat_soil(6.0, 0.2, soil="loam"), above).any()
