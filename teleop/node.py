@@ -21,6 +21,7 @@ from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.topics import parent_namespace, resolve
 from msg_bridge.nodes.sim_node import SimNode
 from teleop.joy_axes import to_joy
+from teleop.key_layout import KEYS
 from teleop.levers import Levers
 from teleop.terminal_keys import TerminalKeys
 from teleop.terminal_page import MachineView, page_lines
@@ -133,9 +134,10 @@ class TeleopNode(SimNode):
     def _held(self, now: float) -> set[str]:
         """Return the keys that move levers; after an emergency stop none until all were released.
 
-        The machine requires the same, but levers at rest are published during the stop.
+        The machine requires the same, but levers at rest are published during the stop. Keys
+        without a lever do not count: the one that releases the stop is pressed at that time.
         """
-        held = self._keys.held(now)
+        held = self._keys.held(now) & KEYS.keys()
         self._must_release |= self.view.is_stopped
         if not (held or self.view.is_stopped):
             self._must_release = False
@@ -152,10 +154,9 @@ class TeleopNode(SimNode):
         self._stop.publish(Bool(data=is_pressed))
 
     def _on_stop(self, msg: Bool) -> None:
-        """Process a press or release by any publisher: what is held by then counts no more."""
-        if msg.data != self.view.is_stopped:
-            self._keys.release()
+        """Process a press or release by any publisher."""
         self.view.is_stopped = bool(msg.data)
+        self._must_release |= self.view.is_stopped  # also if the release comes before an update
 
     def _quit(self) -> None:
         self.finished = True
