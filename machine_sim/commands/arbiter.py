@@ -7,6 +7,7 @@
 - The emergency stop overrides all commands. Commands that arrive while it is active are checked and
   then dropped, and those in force before are cleared: after the release only a new command moves
   the machine, and the joystick must have been released first.
+- An axis of a joystick counts once it has been at rest, also after the device was lost.
 - A rejected command changes nothing.
 - When the clock goes back (the simulation was reset), commands with a later arrival are dropped.
 - A command may take effect later than it arrives; until then a stop clears it like those in force.
@@ -91,7 +92,8 @@ class ArbiterState(NamedTuple):
 
     def without_timed(self) -> ArbiterState:
         """Return the state without the commands, whose times are by the clock of one process."""
-        return self._replace(active={}, delayed=())
+        joystick = self.joystick._replace(last_arrival=-np.inf)
+        return self._replace(active={}, delayed=(), joystick=joystick)
 
 
 class CommandArbiter:
@@ -125,6 +127,11 @@ class CommandArbiter:
     def is_stopped(self) -> bool:
         """Whether the emergency stop is active."""
         return self._is_stopped
+
+    @property
+    def ignored_joystick_axes(self) -> list[str]:
+        """Axes of the joystick that do not count yet, since they have not been at rest."""
+        return self._joystick.ignored_axes(self._tick_time)
 
     @property
     def delayed_effect_times(self) -> list[float]:
@@ -205,7 +212,7 @@ class CommandArbiter:
         """Receive axes (-1 to 1, + left and forward) and buttons of a joystick; see `joystick`."""
         arrival = self._check_arrival(now, stamp, sim_now)
         reading = self._joystick.read(axes, buttons)
-        commands = self._joystick.select_commands(reading, stopped=self._is_stopped)
+        commands = self._joystick.select_commands(reading, arrival, stopped=self._is_stopped)
         return self._accept(
             {i: Setpoint(velocity) for i, velocity in commands.items()}, "joy", arrival
         )

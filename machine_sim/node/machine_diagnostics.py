@@ -10,6 +10,7 @@ from typing import Any
 from machine_sim.node.machine_instance import MachineInstance
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.simulated_machine import SimulatedMachine
+from msg_bridge.contract import topics
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
 from msg_bridge.nodes.real_time_monitor import (
     OVERLOAD_CONDITION,
@@ -23,6 +24,9 @@ __all__ = ["MachineDiagnostics"]
 
 _TRACK_CONDITION = "tracks"
 """Condition of a machine whose track has come off its wheels."""
+
+_JOYSTICK_CONDITION = "joystick"
+"""Condition of axes of a joystick that have not been at rest."""
 
 _CONTACT_CONDITION = "contacts"
 """Condition of machines that touch each other."""
@@ -98,6 +102,7 @@ class MachineDiagnostics:
             self._diagnostics.set(key, value)
         self._report_overload(run, load)
         self._report_reseats(run)
+        self._report_joysticks()
         self._report_contacts(run)
         self._report_pending_soil(run)
         self._report_edge(run)
@@ -174,6 +179,22 @@ class MachineDiagnostics:
             "a track has come off its wheels and was put back; drive more gently, or use"
             " stepping.track_model: kinematic",
             condition=_TRACK_CONDITION,
+        )
+
+    def _report_joysticks(self) -> None:
+        """Set or clear the problem of axes that do not count, since they have not been at rest."""
+        texts = [
+            f"{', '.join(axes)} of {instance.topic_prefix}{topics.JOY}"
+            for instance in self._instances
+            if (axes := instance.arbiter.ignored_joystick_axes)
+        ]
+        if not texts:
+            self._diagnostics.clear(_JOYSTICK_CONDITION)
+            return
+        self._diagnostics.problem(
+            f"ignored until at rest once: {'; '.join(texts)}; release the levers and pedals, or set"
+            " the joy_ parameters to the axes of the device",
+            condition=_JOYSTICK_CONDITION,
         )
 
     def _report_contacts(self, run: MachineRun) -> None:

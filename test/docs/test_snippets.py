@@ -168,9 +168,12 @@ def check_parameters(executable: str, values: Mapping[str, Any]) -> None:
         ParameterError: a name is unknown, or a value invalid.
     """
     groups = USAGES[executable].parameters
+    by_prefix: dict[str, dict[str, Any]] = {}
     for name, value in values.items():
         prefix = max((each for each in groups if name.startswith(each)), key=len)
-        groups[prefix].from_mapping({name.removeprefix(prefix): value})
+        by_prefix.setdefault(prefix, {})[name.removeprefix(prefix)] = value
+    for prefix, group in by_prefix.items():
+        groups[prefix].from_mapping(group)
 
 
 def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -198,7 +201,7 @@ def test_yaml_block_of_shapes_is_part_of_a_machine_file(snippet: Snippet, tmp_pa
 @pytest.mark.parametrize("snippet", filterfalse(has_shapes, blocks("yaml")), ids=name_of)
 def test_yaml_block_is_a_valid_parameter_file(snippet: Snippet) -> None:
     for node, content in yaml.safe_load(snippet.code).items():
-        check_parameters(node, flatten(content["ros__parameters"]))
+        check_parameters(node.rpartition("/")[2], flatten(content["ros__parameters"]))
 
 
 def check_node_arguments(executable: str, arguments: list[str]) -> None:

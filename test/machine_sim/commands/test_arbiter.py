@@ -239,6 +239,7 @@ def test_reset_and_emergency_stop_drop_delayed_commands(make_arbiter, end):
 
 def test_restored_arbiter_continues_with_what_was_received(make_arbiter):
     arbiter = make_arbiter()
+    arbiter.receive_joy([0.0] * 6, [], 0.0)
     arbiter.receive_joy([0.0, 0.0, 0.0, 1.0, 0.0, 0.0], [], 0.0)  # a lever is deflected
     arbiter.emergency_stop(True)
     arbiter.emergency_stop(False)

@@ -1,14 +1,34 @@
 """Levers and pedals: their velocities, and which joystick messages are commands."""
 
+from dataclasses import replace
+
 import pytest
 
-from machine_sim.commands import CommandParams
+from machine_sim.commands import CommandArbiter, CommandParams
 from msg_bridge.contract.errors import ParameterError
 
 HOME = (0.0, -0.7, 1.85, 1.9)
 LEFT_X, LEFT_Y, RIGHT_X, RIGHT_Y, LEFT_PEDAL, RIGHT_PEDAL = range(6)
 LEFT_REVERSE, RIGHT_REVERSE = 9, 10
 SWING, BOOM, ARM, BUCKET = range(4)
+
+
+@pytest.fixture
+def make_arbiter(spec):
+    """Make an arbiter that has received the message of a joystick at rest."""
+
+    def make(**params):
+        arbiter = CommandArbiter(spec, CommandParams(**params))
+        send(arbiter, -0.02, at_rest=arbiter.params.joy_pedal_rest)
+        return arbiter
+
+    return make
+
+
+@pytest.fixture
+def new_arbiter(spec):
+    """Make an arbiter that has received no message."""
+    return lambda **params: CommandArbiter(spec, CommandParams(**params))
 
 
 def axes(at_rest=0.0, **moved):
@@ -96,8 +116,8 @@ def test_two_way_pedal_drives_both_directions(make_arbiter, spec):
     assert applied(arbiter).tracks.tolist() == pytest.approx([top, -top])
 
 
-def test_trigger_never_seen_released_commands_nothing(make_arbiter, spec):
-    arbiter = make_arbiter(
+def test_trigger_never_seen_released_commands_nothing(new_arbiter, spec):
+    arbiter = new_arbiter(
         joy_pedal_rest=1.0
     )  # joy_node: 1 at rest, -1 pressed, and 0 before the first touch
     send(arbiter, at_rest=0.0)
@@ -105,6 +125,53 @@ def test_trigger_never_seen_released_commands_nothing(make_arbiter, spec):
     send(arbiter, at_rest=1.0)
     send(arbiter, at_rest=1.0, left_pedal=-1.0)
     assert applied(arbiter).tracks.tolist() == pytest.approx([spec.tracks.max_speed, 0.0])
+
+
+def test_axis_deflected_in_the_first_message_counts_once_it_was_at_rest(new_arbiter):
+    arbiter = new_arbiter()
+    send(arbiter, 0.00, right_x=1.0, right_pedal=1.0)  # triggers that report 1 when released
+    assert applied(arbiter, 0.00).joint_sources == ("none",) * 4
+    assert applied(arbiter, 0.00).track_sources == ("none",) * 2
+    assert arbiter.ignored_joystick_axes == ["axis 2 (joy_right_x)", "axis 5 (joy_right_pedal)"]
+    send(arbiter, 0.02, left_x=1.0, right_x=1.0, right_pedal=1.0)
+    assert applied(arbiter, 0.02).joints[SWING] > 0.0
+    assert applied(arbiter, 0.02).joints[BUCKET] == 0.0
+    send(arbiter, 0.04, right_x=0.2, right_pedal=1.0)  # nearly released
+    assert applied(arbiter, 0.04).joints[BUCKET] == 0.0
+    send(arbiter, 0.06, right_pedal=1.0)
+    send(arbiter, 0.08, right_x=1.0, right_pedal=1.0)
+    assert applied(arbiter, 0.08).joints[BUCKET] > 0.0
+    assert arbiter.ignored_joystick_axes == ["axis 5 (joy_right_pedal)"]
+    applied(arbiter, 2.0)
+    assert arbiter.ignored_joystick_axes == [], "the device is silent"
+
+
+def test_lever_that_begins_to_move_in_the_first_message_counts(new_arbiter):
+    arbiter = new_arbiter()
+    send(arbiter, left_x=0.19)  # the live page is silent at rest
+    assert applied(arbiter).joints[SWING] > 0.0
+    assert arbiter.ignored_joystick_axes == []
+
+
+def test_lever_held_while_the_device_was_lost_must_be_released_first(make_arbiter):
+    arbiter = make_arbiter()
+    send(arbiter, 0.0, left_x=1.0)
+    assert applied(arbiter, 0.0).joints[SWING] > 0.0
+    send(arbiter, 0.9, left_x=1.0)  # a short gap
+    assert applied(arbiter, 0.9).joints[SWING] > 0.0
+    send(arbiter, 2.0, left_x=1.0)
+    assert applied(arbiter, 2.0).joint_sources == ("none",) * 4
+    send(arbiter, 2.02)
+    send(arbiter, 2.04, left_x=1.0)
+    assert applied(arbiter, 2.04).joints[SWING] > 0.0
+
+
+def test_axis_without_a_joint_is_not_reported(spec):
+    spec = replace(spec, joystick_axes={"swing": ("left_x", 1.0)})
+    arbiter = CommandArbiter(spec, CommandParams())
+    send(arbiter, right_x=1.0)
+    applied(arbiter)
+    assert arbiter.ignored_joystick_axes == []
 
 
 def test_joystick_without_pedals_needs_four_axes(make_arbiter):

@@ -151,7 +151,7 @@ def test_error_has_the_numbers_of_an_array_as_a_list(values, text):
 STAMPED = {
     "joints": lambda a, **stamp: a.receive_joints(["boom"], [0.1], [], 50.0, **stamp),
     "twist": lambda a, **stamp: a.receive_twist(0.5, 0.0, 50.0, **stamp),
-    "joy": lambda a, **stamp: a.receive_joy([0.5] * 6, [0] * 11, 50.0, **stamp),
+    "joy": lambda a, **stamp: a.receive_joy([0.2] * 6, [0] * 11, 50.0, **stamp),
 }
 
 

@@ -66,7 +66,7 @@ def commanded(ros: Ros) -> Commanded:
 
 
 @pytest.mark.parametrize(
-    ("topic", "other"), [("joint_commands", swing(-0.2)), ("joy", joystick(0.5))]
+    ("topic", "other"), [("joint_commands", swing(-0.2)), ("joy", joystick(0.2))]
 )
 def test_nodes_that_command_a_machine_in_turn_are_named_until_one_ends(
     commanded: Commanded, topic: str, other: Any, capfd: pytest.CaptureFixture[str]

@@ -64,7 +64,7 @@ def test_joint_moves_to_a_commanded_position(ros: Ros) -> None:
 def test_joystick_moves_joints_and_tracks(ros: Ros) -> None:
     stepped = SteppedMachine(ros)
     released, pushed = [0.0] * 6, [1.0, 0.0, 0.0, 0.0, -1.0, 0.0]
-    for axes in (released, pushed):  # pedals are valid once they have been released
+    for axes in (released, pushed):  # axes count once they have been at rest
         stepped.send("joy", Joy(axes=axes, buttons=[0] * 12))
     ros.spin_until(lambda: any(stepped.current_command()))
     applied = stepped.step()
@@ -72,6 +72,21 @@ def test_joystick_moves_joints_and_tracks(ros: Ros) -> None:
     assert applied[4] > 0.3
     assert applied[1:4] == [0.0] * 3
     assert applied[5] == 0.0
+
+
+def test_axis_that_was_never_at_rest_moves_nothing_and_is_reported(ros: Ros) -> None:
+    stepped = SteppedMachine(ros)
+    stepped.send("joy", Joy(axes=[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]))  # released triggers of joy_node
+
+    def message() -> str:
+        stepped.machine.diagnostics.publish()
+        return stepped.scene.shown(stepped.machine).get("message", "")
+
+    ros.spin_until(lambda: "axis 2 (joy_right_x), axis 5 (joy_right_pedal) of joy" in message())
+    assert stepped.scene.shown(stepped.machine)["level"] == "1"
+    assert not any(stepped.current_command())
+    stepped.send("joy", Joy(axes=[0.0] * 6))
+    ros.spin_until(lambda: "joy_" not in message())
 
 
 def test_machine_follows_a_velocity_command(ros: Ros) -> None:
