@@ -23,7 +23,7 @@ from msg_bridge.nodes.sim_node import SimNode
 from teleop.joy_axes import to_joy
 from teleop.key_layout import KEYS
 from teleop.levers import Levers
-from teleop.terminal_keys import TerminalKeys
+from teleop.terminal_keys import QUERY, QUERY_PERIOD, TerminalKeys
 from teleop.terminal_page import MachineView, page_lines
 
 __all__ = ["Screen", "TeleopNode"]
@@ -46,6 +46,9 @@ class Screen(Protocol):
 
     def show(self, lines: Sequence[str]) -> None:
         """Replace what is shown."""
+
+    def write(self, sequence: bytes) -> None:
+        """Send a control sequence to the terminal."""
 
 
 class TeleopNode(SimNode):
@@ -76,7 +79,7 @@ class TeleopNode(SimNode):
         self._must_release = False  # after an emergency stop, until no key is held
         self._commanded: list[str] = []  # joints that levers can move, without those of cylinders
         self._last_update = time.monotonic()
-        self._last_state = self._last_drawn = -float("inf")
+        self._last_state = self._last_drawn = self._last_query = -float("inf")
         self._joy = self.create_publisher(Joy, topics.JOY, qos.STATE)
         self._stop = self.create_publisher(Bool, topics.EMERGENCY_STOP, qos.TRANSIENT_LOCAL)
         # Best effort: publishers of any QoS match, such as the live page.
@@ -115,6 +118,7 @@ class TeleopNode(SimNode):
             self._quit()
         for key in self._keys.feed(data or b"", now):
             self._actions.get(key, lambda: None)()
+        self._query(now)
         self.levers.update(self._held(now), now - self._last_update)
         self._last_update = now
         self._publish()
@@ -130,6 +134,16 @@ class TeleopNode(SimNode):
                     has_releases=self._keys.has_releases,
                 )
             )
+
+    def _query(self, now: float) -> None:
+        """Ask the terminal for a sign of life while keys that move levers are held.
+
+        Not at the end: the shell would receive the answer.
+        """
+        is_due = now - self._last_query >= QUERY_PERIOD and not self.finished
+        if self._keys.has_releases and is_due and self._keys.held(now) & KEYS.keys():
+            self._last_query = now
+            self._screen.write(QUERY)
 
     def _held(self, now: float) -> set[str]:
         """Return the keys that move levers; after an emergency stop none until all were released.

@@ -49,7 +49,7 @@ class Terminal:
         with suppress(curses.error):  # a terminal that cannot hide its cursor
             curses.curs_set(0)
         self._window.refresh()
-        self._write(START_SEQUENCE)
+        self.write(START_SEQUENCE)
         return self
 
     def __exit__(
@@ -58,7 +58,7 @@ class Terminal:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        self._write(END_SEQUENCE)
+        self.write(END_SEQUENCE)
         curses.endwin()
 
     def read(self) -> bytes | None:
@@ -86,5 +86,6 @@ class Terminal:
                 self._window.addnstr(row, 0, line, width)
         self._window.refresh()
 
-    def _write(self, sequence: bytes) -> None:
+    def write(self, sequence: bytes) -> None:
+        """Send a control sequence to the terminal."""
         os.write(sys.stdout.fileno(), sequence)

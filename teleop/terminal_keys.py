@@ -1,8 +1,14 @@
 """Keys that are held, from the bytes that a terminal sends.
 
-A terminal with the keyboard protocol of kitty reports each press and each release. Any other one
-sends a byte when a key is pressed, and after a delay repeats it, for the last pressed key only: a
-key then counts as held for a while after each byte.
+A terminal with the keyboard protocol of kitty reports each press and each release. A key is held
+until its release, but a release that is lost on a stalled connection would leave the machine
+moving. So the terminal is asked again and again while keys are held, and all keys count as released
+when nothing has come from it for a while: neither an answer nor a repetition, which not all
+terminals send, and only for the last pressed key. A key that was released so, or because the
+terminal lost the focus, counts again when it is pressed again; its repetitions are ignored.
+
+Any other terminal sends a byte when a key is pressed, and after a delay repeats it, for the last
+pressed key only: a key then counts as held for a while after each byte.
 
 Source: "Comprehensive keyboard handling in terminals", the documentation of kitty.
 """
@@ -12,9 +18,15 @@ from __future__ import annotations
 import re
 import sys
 
-__all__ = ["END_SEQUENCE", "START_SEQUENCE", "TerminalKeys"]
+__all__ = ["END_SEQUENCE", "QUERY", "QUERY_PERIOD", "START_SEQUENCE", "TerminalKeys"]
 
-START_SEQUENCE = b"\x1b[>11u\x1b[?u\x1b[?1004h"
+QUERY = b"\x1b[?u"
+"""Asks whether releases are reported; a terminal that reports them answers."""
+
+QUERY_PERIOD = 0.1
+"""Time between two queries while keys are held [s]."""
+
+START_SEQUENCE = b"\x1b[>11u" + QUERY + b"\x1b[?1004h"
 """Requests releases of all keys (flags 1, 2 and 8), asks whether they come, and requests reports of
 a lost focus."""
 
@@ -26,6 +38,10 @@ _FIRST_HOLD_TIME = 0.5
 
 _REPEAT_HOLD_TIME = 0.2
 """Time for which a repetition counts [s]; they follow one another at 20 to 40 Hz."""
+
+_MAX_SILENCE = 0.5
+"""Time without a byte of a terminal that reports releases after which no key is held [s]: several
+queries, and the delay of a slow connection."""
 
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
 _CONTROL_MODIFIER = 4
@@ -47,6 +63,7 @@ class TerminalKeys:
         self.has_releases = False
         self._until: dict[str, float] = {}  # end of the time for which each key counts as held
         self._unread = b""
+        self._last_byte = -float("inf")
 
     def held(self, now: float) -> set[str]:
         """Return the keys that are held.
@@ -54,6 +71,8 @@ class TerminalKeys:
         Args:
             now: a monotonic clock [s].
         """
+        if self.has_releases and now - self._last_byte > _MAX_SILENCE:
+            self.release()
         return {key for key, until in self._until.items() if now < until}
 
     def release(self) -> None:
@@ -69,6 +88,9 @@ class TerminalKeys:
             data: bytes of the terminal; a sequence may continue in the next call.
             now: a monotonic clock [s].
         """
+        self.held(now)  # releases the keys if the terminal was silent until now
+        if data:
+            self._last_byte = now
         data = self._unread + data
         pressed: list[str] = []
         position = 0
@@ -115,7 +137,9 @@ class TerminalKeys:
         """Mark a key as held, and return it unless it was held before."""
         if key == _INTERRUPT:
             return ["q"]
-        was_held = is_repeated or self._until.get(key, now) > now
+        was_held = self._until.get(key, now) > now
+        if is_repeated and not was_held:
+            return []
         hold_time = _REPEAT_HOLD_TIME if was_held else _FIRST_HOLD_TIME
         self._until[key] = float("inf") if self.has_releases else now + hold_time
         return [] if was_held else [key]

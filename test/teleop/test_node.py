@@ -17,7 +17,7 @@ from support.node_scenes import Scene
 
 from msg_bridge.testing.ros_context import Ros
 from teleop.node import TeleopNode
-from teleop.terminal_keys import END_SEQUENCE, START_SEQUENCE
+from teleop.terminal_keys import END_SEQUENCE, QUERY, START_SEQUENCE
 
 COMMAND = [sys.executable, "-m", "earthmoving_sim", "teleop"]
 
@@ -28,12 +28,14 @@ class FakeScreen:
     Attributes:
         keys: the bytes that it sends next; None if it is closed.
         num_empty_reads: number of reads since the last byte.
+        answers: whether it answers queries.
         lines: what it shows.
     """
 
     def __init__(self) -> None:
         self.keys: bytes | None = b"\x1b[?11u"
         self.num_empty_reads = 0
+        self.answers = True
         self.lines: Sequence[str] = ()
 
     def read(self) -> bytes | None:
@@ -43,6 +45,11 @@ class FakeScreen:
 
     def show(self, lines: Sequence[str]) -> None:
         self.lines = lines
+
+    def write(self, sequence: bytes) -> None:
+        assert sequence == QUERY
+        if self.answers and self.keys is not None:
+            self.keys += b"\x1b[?11u"
 
     @property
     def text(self) -> str:
@@ -122,6 +129,19 @@ def test_key_held_through_a_stop_of_another_program_moves_nothing(
     num_released = len(messages)
     hold_until(lambda: len(messages) > num_released + 20)
     assert not any(any(message.axes) for message in messages[count:])
+
+
+def test_held_key_is_released_when_the_terminal_no_longer_answers(ros: Ros) -> None:
+    messages = ros.collect("/excavator/joy", Joy)
+    screen = FakeScreen()
+    screen.keys = b"\x1b[?11u\x1b[107u"
+    ros.add(TeleopNode, screen)
+    ros.spin_until(lambda: bool(messages) and any(messages[-1].axes))
+    count = len(messages)
+    ros.spin_until(lambda: len(messages) > count + 50)  # a second
+    assert any(messages[-1].axes)
+    screen.answers = False
+    ros.spin_until(lambda: not any(messages[-1].axes))
 
 
 def test_axes_are_those_of_the_machine(ros: Ros) -> None:

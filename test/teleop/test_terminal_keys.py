@@ -24,9 +24,23 @@ def test_reported_keys_are_held_until_their_release() -> None:
     keys.feed(KITTY, 0.0)
     assert keys.has_releases
     assert keys.feed(b"\x1b[119u\x1b[105;1:1u\x1b[119;1:2u", 0.0) == ["w", "i"]
+    for answer in range(1, 200):
+        keys.feed(KITTY, 0.3 * answer)
     assert keys.held(60.0) == {"w", "i"}
     keys.feed(b"\x1b[119;1:3u", 60.0)
     assert keys.held(60.0) == {"i"}
+
+
+def test_keys_are_released_when_the_terminal_is_silent_until_pressed_again() -> None:
+    keys = TerminalKeys()
+    keys.feed(KITTY + b"\x1b[119u\x1b[105u", 0.0)
+    keys.feed(b"\x1b[105;1:2u", 0.4)  # the last key is repeated
+    assert keys.held(0.8) == {"w", "i"}
+    assert keys.held(1.0) == set()
+    assert keys.feed(b"\x1b[105;1:2u", 2.0) == []
+    assert keys.held(2.0) == set()
+    assert keys.feed(b"\x1b[105;1:3u\x1b[105u", 2.1) == ["i"]
+    assert keys.held(2.1) == {"i"}
 
 
 @pytest.mark.parametrize("sequence", [b"\x1b[A", b"\x1bOA", b"\x1b[1;1A", b"\x1b[1;1:1A"])
@@ -46,7 +60,8 @@ def test_lost_focus_releases_all_keys() -> None:
     keys.feed(KITTY + b"\x1b[119u", 0.0)
     keys.feed(b"\x1b[O", 1.0)
     assert keys.held(1.0) == set()
-    assert keys.feed(b"\x1b[I", 2.0) == []
+    assert keys.feed(b"\x1b[I\x1b[119;1:2u", 1.1) == []
+    assert keys.held(1.1) == set()
 
 
 @pytest.mark.parametrize("interrupt", [b"\x03", b"\x1b[99;5u"])
