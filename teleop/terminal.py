@@ -6,6 +6,7 @@ import curses
 import os
 import select
 import sys
+import termios
 from collections.abc import Sequence
 from contextlib import suppress
 from types import TracebackType
@@ -46,6 +47,7 @@ class Terminal:
         self._window = curses.initscr()
         curses.noecho()
         curses.cbreak()
+        self._disable_flow_control()
         with suppress(curses.error):  # a terminal that cannot hide its cursor
             curses.curs_set(0)
         self._window.refresh()
@@ -85,6 +87,17 @@ class Terminal:
             with suppress(curses.error):  # the last cell cannot be written without scrolling
                 self._window.addnstr(row, 0, line, width)
         self._window.refresh()
+
+    def _disable_flow_control(self) -> None:
+        """Read Ctrl-S and Ctrl-Q as keys: Ctrl-S would stop the output, and this program with it.
+
+        `curses.endwin` restores the mode from before.
+        """
+        descriptor = sys.stdin.fileno()
+        mode = termios.tcgetattr(descriptor)
+        mode[0] &= ~termios.IXON
+        termios.tcsetattr(descriptor, termios.TCSANOW, mode)
+        curses.def_prog_mode()
 
     def write(self, sequence: bytes) -> None:
         """Send a control sequence to the terminal."""

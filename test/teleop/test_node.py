@@ -7,6 +7,7 @@ import pty
 import select
 import subprocess
 import sys
+import termios
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
@@ -173,8 +174,8 @@ def test_command_drives_from_a_terminal_and_restores_it(ros: Ros) -> None:
         stderr=subprocess.PIPE,
         env={**os.environ, "TERM": "xterm"},
     )
-    os.close(terminal)
     shown = b""
+    initial_mode = termios.tcgetattr(terminal)
 
     def read() -> bytes:
         nonlocal shown
@@ -185,13 +186,15 @@ def test_command_drives_from_a_terminal_and_restores_it(ros: Ros) -> None:
 
     try:
         ros.spin_until(lambda: START_SEQUENCE in read() and b"/dumper" in read() and messages)
-        os.write(master, b"w")
+        os.write(master, b"\x13w")  # Ctrl-S stops no output
         ros.spin_until(lambda: messages[-1].axes[1] == pytest.approx(0.55))  # beyond the deadzone
         ros.spin_until(lambda: messages[-1].axes[1] == 0.0)
         os.write(master, b"q")
         ros.spin_until(lambda: read() and process.poll() is not None)
+        assert termios.tcgetattr(terminal) == initial_mode
     finally:
         process.kill()
+        os.close(terminal)
         os.close(master)
         _, errors = process.communicate()
     assert (process.returncode, errors) == (0, b"")
