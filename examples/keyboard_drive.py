@@ -9,17 +9,19 @@ Start the simulation, then run
     u o  arm out, in                        y h  bucket open, curl
     space  stop                             q  quit
 
-A key sets a velocity; space stops all motion. Keys may also be piped in, for example to raise the
+A key sets a velocity that stays until another key changes it; space sets all to zero. Ctrl-Z sets
+them to zero, too; `fg` continues. Keys may also be piped in, for example to raise the
 boom for two seconds: `(echo i; sleep 2) | python examples/keyboard_drive.py`.
 """
 
 import argparse
+import os
 import signal
 import sys
 import termios
 import threading
 import tty
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 import rclpy
@@ -59,11 +61,26 @@ def to_message(velocities: dict[str, float]) -> JointState:
     return JointState(name=list(velocities), velocity=list(velocities.values()))
 
 
-def read_keys() -> Iterator[str]:
-    """Yield the keys pressed, one by one, until the input ends or `q` is pressed."""
+def read_keys(stop: Callable[[], None]) -> Iterator[str]:
+    """Yield the keys pressed, one by one, until the input ends or `q` is pressed.
+
+    Args:
+        stop: stops the machine; called when the program is suspended, and when it continues.
+    """
     is_terminal = sys.stdin.isatty()
     saved = termios.tcgetattr(sys.stdin) if is_terminal else None
+
+    def suspend(*_: object) -> None:
+        stop()
+        os.kill(os.getpid(), signal.SIGSTOP)
+
+    def resume(*_: object) -> None:
+        stop()
+        tty.setcbreak(sys.stdin)  # the shell has set its own mode
+
     if is_terminal:
+        signal.signal(signal.SIGTSTP, suspend)
+        signal.signal(signal.SIGCONT, resume)
         tty.setcbreak(sys.stdin)
     try:
         while (key := sys.stdin.read(1)) not in ("", "q"):
@@ -90,10 +107,15 @@ def main() -> None:
         with suppress(ExternalShutdownException):
             rclpy.spin(node)
 
+    def stop() -> None:
+        nonlocal velocities
+        velocities = dict(STOPPED)
+        commands.publish(to_message(velocities))
+
     thread = threading.Thread(target=spin)
     thread.start()
     try:
-        for key in read_keys():
+        for key in read_keys(stop):
             velocities = update(velocities, key)
     except KeyboardInterrupt:
         pass

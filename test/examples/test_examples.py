@@ -5,10 +5,13 @@ from __future__ import annotations
 import ast
 import importlib.util
 import itertools
+import os
+import pty
 import re
 import signal
 import subprocess
 import sys
+import termios
 from dataclasses import fields
 from pathlib import Path
 from types import ModuleType
@@ -83,6 +86,38 @@ def test_keyboard_drive_prints_its_keys_at_the_start(ros_domain: int) -> None:
     assert done.returncode == 0, done.stderr
     for key in load("keyboard_drive").KEYS:
         assert f" {key} " in done.stdout
+
+
+def test_keyboard_drive_stops_when_it_is_suspended_and_reads_keys_when_it_continues(
+    ros: Ros,
+) -> None:
+    commands = ros.collect(COMMANDS, JointState)
+    master, terminal = pty.openpty()
+    shell_mode = termios.tcgetattr(terminal)
+    command = [sys.executable, str(EXAMPLES / "keyboard_drive.py")]
+    process = subprocess.Popen(command, stdin=terminal, stdout=subprocess.DEVNULL)
+    try:
+        ros.spin_until(lambda: commands)
+        os.write(master, b"j")
+        ros.spin_until(lambda: any(commands[-1].velocity))
+        process.send_signal(signal.SIGTSTP)
+        ros.spin_until(lambda: not any(commands[-1].velocity))
+        os.waitid(os.P_PID, process.pid, os.WSTOPPED)
+        count = len(commands)
+        termios.tcsetattr(terminal, termios.TCSANOW, shell_mode)
+        process.send_signal(signal.SIGCONT)
+        ros.spin_until(lambda: len(commands) > count + 5)
+        assert not any(any(message.velocity) for message in commands[count:])
+        os.write(master, b"j")
+        ros.spin_until(lambda: any(commands[-1].velocity))
+        os.write(master, b"q")
+        ros.spin_until(lambda: process.poll() is not None)
+    finally:
+        process.kill()
+        process.wait()
+        os.close(terminal)
+        os.close(master)
+    assert process.returncode == 0
 
 
 def test_ten_lines_publishes_velocities(ros: Ros, ros_process: StartProcess) -> None:
