@@ -200,9 +200,10 @@ class TeleopNode(SimNode):
         self.view.pattern = self._params.joy_pattern
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
-        own = self.get_namespace().lstrip("/")
+        """Show the condition of the machine node, in this namespace or the parent."""
+        own = self.get_namespace()
         for status in msg.status:
-            node, _, _ = status.name.partition(":")
-            if node.endswith("/machine_sim") and own.startswith(node.removesuffix("/machine_sim")):
+            namespace, _, name = f"/{status.name.partition(':')[0]}".rpartition("/")
+            if name == "machine_sim" and (namespace or "/") in (own, parent_namespace(own)):
                 level = level_name(status)
                 self.view.condition = f"{level}: {status.message}" if level != "OK" else level

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 from support.node_scenes import Scene
@@ -143,6 +144,31 @@ def test_held_key_is_released_when_the_terminal_no_longer_answers(ros: Ros) -> N
     assert any(messages[-1].axes)
     screen.answers = False
     ros.spin_until(lambda: not any(messages[-1].axes))
+
+
+@pytest.mark.parametrize(
+    ("node", "is_own"),
+    [
+        ("site/digger/machine_sim", True),
+        ("site/machine_sim", True),  # of several machines
+        ("site/dig/machine_sim", False),
+        ("site/digger_2/machine_sim", False),
+        ("si/machine_sim", False),
+        ("site/digger/viewer", False),
+    ],
+)
+def test_only_diagnostics_of_its_machine_are_shown(ros: Ros, node: str, is_own: bool) -> None:
+    screen = FakeScreen()
+    ros.add(TeleopNode, screen, namespace="/site/digger")
+    publisher = ros.publisher("/site/diagnostics", DiagnosticArray, subscriptions=1)
+    last = DiagnosticStatus(name="site/digger/machine_sim: run", message="last")
+    status = DiagnosticStatus(name=f"{node}: run", level=b"\x01", message="this one")
+    publisher.publish(DiagnosticArray(status=[status]))
+    if is_own:
+        ros.spin_until(lambda: "WARN: this one" in screen.text)
+    else:
+        publisher.publish(DiagnosticArray(status=[last, status]))
+        ros.spin_until(lambda: "  OK" in screen.text)
 
 
 def test_axes_are_those_of_the_machine(ros: Ros) -> None:
