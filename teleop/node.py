@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool, Float64MultiArray, String
 
@@ -33,6 +33,9 @@ _PERIOD = 0.02
 
 _REDRAW_PERIOD = 0.1
 """Wall time between two updates of what is shown [s]."""
+
+_REPORT_DELAY = 1.0
+"""Wall time after a press or release in which diagnostics may report the state before it [s]."""
 
 _SILENT_TIME = 1.0
 """Wall time without a state after which the machine counts as silent [s]."""
@@ -79,6 +82,7 @@ class TeleopNode(SimNode):
         self._must_release = False  # after an emergency stop, until no key is held
         self._commanded: list[str] = []  # joints that levers can move, without those of cylinders
         self._last_update = time.monotonic()
+        self._last_stop_message = -float("inf")
         self._last_state = self._last_drawn = self._last_query = -float("inf")
         self._joy = self.create_publisher(Joy, topics.JOY, qos.STATE)
         self._stop = self.create_publisher(Bool, topics.EMERGENCY_STOP, qos.TRANSIENT_LOCAL)
@@ -169,7 +173,11 @@ class TeleopNode(SimNode):
 
     def _on_stop(self, msg: Bool) -> None:
         """Process a press or release by any publisher."""
-        self.view.is_stopped = bool(msg.data)
+        self._last_stop_message = time.monotonic()
+        self._set_stopped(bool(msg.data))
+
+    def _set_stopped(self, is_stopped: bool) -> None:
+        self.view.is_stopped = is_stopped
         self._must_release |= self.view.is_stopped  # also if the release comes before an update
 
     def _quit(self) -> None:
@@ -205,5 +213,20 @@ class TeleopNode(SimNode):
         for status in msg.status:
             namespace, _, name = f"/{status.name.partition(':')[0]}".rpartition("/")
             if name == "machine_sim" and (namespace or "/") in (own, parent_namespace(own)):
+                self._read_stop(status, own.removeprefix(namespace).lstrip("/"))
                 level = level_name(status)
                 self.view.condition = f"{level}: {status.message}" if level != "OK" else level
+
+    def _read_stop(self, status: DiagnosticStatus, name: str) -> None:
+        """Take over the emergency stop that the machine reports: it may be older than this node.
+
+        Args:
+            status: diagnostics of the machine node.
+            name: name of the machine in a node of several machines, else empty.
+        """
+        if time.monotonic() - self._last_stop_message < _REPORT_DELAY:
+            return
+        key = f"{name}/{topics.EMERGENCY_STOP}" if name else topics.EMERGENCY_STOP
+        for entry in status.values:
+            if entry.key == key and entry.value in ("True", "False"):
+                self._set_stopped(entry.value == "True")

@@ -37,7 +37,7 @@ class MachineView:
         pattern: pattern of the levers, "iso" or "sae".
         condition: "OK", "WARN" or "ERROR", and the message of the machine's diagnostics.
         is_silent: whether no state has arrived for a second.
-        is_stopped: whether the emergency stop was pressed last, by this program or another one.
+        is_stopped: whether the emergency stop is pressed, by this program or another one.
     """
 
     joints: dict[str, tuple[float, float]] = field(default_factory=dict)

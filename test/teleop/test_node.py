@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from sensor_msgs.msg import JointState, Joy
 from std_msgs.msg import Bool
 from support.node_scenes import Scene
@@ -144,6 +144,30 @@ def test_held_key_is_released_when_the_terminal_no_longer_answers(ros: Ros) -> N
     assert any(messages[-1].axes)
     screen.answers = False
     ros.spin_until(lambda: not any(messages[-1].axes))
+
+
+@pytest.mark.parametrize(
+    ("node", "key"),
+    [
+        ("site/digger/machine_sim", "emergency_stop"),
+        ("site/machine_sim", "digger/emergency_stop"),
+    ],
+)
+def test_emergency_stop_that_was_pressed_before_the_start_is_shown(
+    ros: Ros, node: str, key: str
+) -> None:
+    screen = FakeScreen()
+    ros.add(TeleopNode, screen, namespace="/site/digger")
+    publisher = ros.publisher("/site/diagnostics", DiagnosticArray, subscriptions=1)
+
+    def report(*values: KeyValue) -> None:
+        status = DiagnosticStatus(name=f"{node}: run", values=values)
+        publisher.publish(DiagnosticArray(status=[status]))
+
+    report(KeyValue(key=key, value="True"), KeyValue(key="truck/emergency_stop", value="False"))
+    ros.spin_until(lambda: "EMERGENCY STOP - " in screen.text)
+    report(KeyValue(key=key, value="False"), KeyValue(key="truck/emergency_stop", value="True"))
+    ros.spin_until(lambda: "EMERGENCY STOP - " not in screen.text)
 
 
 @pytest.mark.parametrize(
