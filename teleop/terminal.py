@@ -5,6 +5,7 @@ from __future__ import annotations
 import curses
 import os
 import select
+import signal
 import sys
 import termios
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ from contextlib import suppress
 from types import TracebackType
 
 from msg_bridge.contract.errors import EarthmovingError
-from teleop.terminal_keys import END_SEQUENCE, START_SEQUENCE
+from teleop.terminal_keys import END_SEQUENCE, FOCUS_LOST, START_SEQUENCE
 
 __all__ = ["Terminal", "TerminalError"]
 
@@ -24,7 +25,10 @@ class TerminalError(EarthmovingError):
 
 
 class Terminal:
-    """Context manager that shows lines and reads bytes; restores the terminal when it ends."""
+    """Context manager that shows lines and reads bytes; restores the terminal when it ends.
+
+    While the program is suspended, as by Ctrl-Z, the terminal is as before it started.
+    """
 
     def __init__(self) -> None:
         """
@@ -52,6 +56,9 @@ class Terminal:
             curses.curs_set(0)
         self._window.refresh()
         self.write(START_SEQUENCE)
+        self._is_open, self._unread = True, b""
+        signal.signal(signal.SIGTSTP, self._suspend)
+        signal.signal(signal.SIGCONT, self._resume)
         return self
 
     def __exit__(
@@ -60,12 +67,34 @@ class Terminal:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        for number in (signal.SIGTSTP, signal.SIGCONT):
+            signal.signal(number, signal.SIG_DFL)
+        self._close()
+
+    def _close(self) -> None:
         self.write(END_SEQUENCE)
         curses.endwin()
+        self._is_open = False
+
+    def _suspend(self, *_: object) -> None:
+        """Restore the terminal, then stop: curses would not undo `START_SEQUENCE`."""
+        self._close()
+        os.kill(os.getpid(), signal.SIGSTOP)
+
+    def _resume(self, *_: object) -> None:
+        """Set the mode again, also after a SIGSTOP, which came without notice."""
+        curses.reset_prog_mode()
+        self._window.redrawwin()
+        self._window.refresh()
+        if not self._is_open:
+            self.write(START_SEQUENCE)
+            self._is_open = True
+        self._unread = FOCUS_LOST  # what was held may have been released in the meantime
 
     def read(self) -> bytes | None:
         """Return the bytes that have arrived, without waiting; None if the terminal is closed."""
-        data, descriptor = b"", sys.stdin.fileno()
+        data, self._unread = self._unread, b""
+        descriptor = sys.stdin.fileno()
         while select.select([descriptor], [], [], 0.0)[0]:
             try:
                 part = os.read(descriptor, _MAX_READ)

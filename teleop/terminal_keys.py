@@ -18,7 +18,7 @@ from __future__ import annotations
 import re
 import sys
 
-__all__ = ["END_SEQUENCE", "QUERY", "QUERY_PERIOD", "START_SEQUENCE", "TerminalKeys"]
+__all__ = ["END_SEQUENCE", "FOCUS_LOST", "QUERY", "QUERY_PERIOD", "START_SEQUENCE", "TerminalKeys"]
 
 QUERY = b"\x1b[?u"
 """Asks whether releases are reported; a terminal that reports them answers."""
@@ -32,6 +32,9 @@ a lost focus."""
 
 END_SEQUENCE = b"\x1b[?1004l\x1b[<u"
 """Undoes `START_SEQUENCE`."""
+
+FOCUS_LOST = b"\x1b[O"
+"""Report of a lost focus: all keys are released."""
 
 _FIRST_HOLD_TIME = 0.5
 """Time for which a press counts [s], until the terminal begins to repeat it."""

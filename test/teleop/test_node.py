@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pty
 import select
+import signal
 import subprocess
 import sys
 import termios
@@ -214,7 +215,7 @@ def test_closed_terminal_ends_the_node(ros: Ros) -> None:
     ros.spin_until(lambda: teleop.finished)
 
 
-def test_command_drives_from_a_terminal_and_restores_it(ros: Ros) -> None:
+def test_command_drives_from_a_terminal_and_restores_it_also_while_suspended(ros: Ros) -> None:
     messages = ros.collect("/dumper/joy", Joy)
     master, terminal = pty.openpty()
     process = subprocess.Popen(
@@ -239,6 +240,16 @@ def test_command_drives_from_a_terminal_and_restores_it(ros: Ros) -> None:
         os.write(master, b"\x13w")  # Ctrl-S stops no output
         ros.spin_until(lambda: messages[-1].axes[1] == pytest.approx(0.55))  # beyond the deadzone
         ros.spin_until(lambda: messages[-1].axes[1] == 0.0)
+        shown = b""
+        process.send_signal(signal.SIGTSTP)
+        ros.spin_until(lambda: END_SEQUENCE in read())
+        os.waitid(os.P_PID, process.pid, os.WSTOPPED)
+        assert termios.tcgetattr(terminal) == initial_mode
+        process.send_signal(signal.SIGCONT)
+        ros.spin_until(lambda: START_SEQUENCE in read() and b"/dumper" in read())
+        os.write(master, b"\x13w")
+        ros.spin_until(lambda: messages[-1].axes[1] == pytest.approx(0.55))
+        shown = b""
         os.write(master, b"q")
         ros.spin_until(lambda: read() and process.poll() is not None)
         assert termios.tcgetattr(terminal) == initial_mode
