@@ -128,6 +128,7 @@ class TeleopNode(SimNode):
         self._publish()
         if now - self._last_drawn >= _REDRAW_PERIOD:
             self._last_drawn = now
+            self.view.other_machines = self._find_other_machines()
             self.view.is_silent = now - self._last_state > _SILENT_TIME
             self._screen.show(
                 page_lines(
@@ -138,6 +139,19 @@ class TeleopNode(SimNode):
                     has_releases=self._keys.has_releases,
                 )
             )
+
+    def _find_other_machines(self) -> list[str]:
+        """Return the namespaces of other machines while this one has sent no state."""
+        if self.view.sim_time is not None:
+            return []
+        end = f"/{topics.APPLIED_COMMANDS}"
+        return sorted(
+            topic.removesuffix(end)
+            for topic, _ in self.get_topic_names_and_types()
+            if topic.endswith(end)
+            and topic != resolve(topics.APPLIED_COMMANDS, self.get_namespace())
+            and self.count_publishers(topic)
+        )
 
     def _query(self, now: float) -> None:
         """Ask the terminal for a sign of life while keys that move levers are held.

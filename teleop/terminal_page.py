@@ -38,6 +38,7 @@ class MachineView:
         condition: "OK", "WARN" or "ERROR", and the message of the machine's diagnostics.
         is_silent: whether no state has arrived for a second.
         is_stopped: whether the emergency stop is pressed, by this program or another one.
+        other_machines: namespaces of the machines that are found while this one has sent nothing.
     """
 
     joints: dict[str, tuple[float, float]] = field(default_factory=dict)
@@ -47,6 +48,7 @@ class MachineView:
     condition: str = ""
     is_silent: bool = True
     is_stopped: bool = False
+    other_machines: list[str] = field(default_factory=list)
 
 
 def page_lines(
@@ -78,6 +80,8 @@ def _headline(machine: str, view: MachineView) -> str:
         state = "EMERGENCY STOP - press x to release it"
     elif view.sim_time is None:
         state = "waiting for the machine; are soil_sim and machine_sim running?"
+        if view.other_machines:
+            state = f"no such machine yet; --machine may be {', '.join(view.other_machines)}"
     elif view.is_silent:
         state = "NO STATE FROM THE MACHINE"
     else:

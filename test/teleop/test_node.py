@@ -196,6 +196,19 @@ def test_only_diagnostics_of_its_machine_are_shown(ros: Ros, node: str, is_own: 
         ros.spin_until(lambda: "  OK" in screen.text)
 
 
+def test_machines_are_listed_while_there_is_none_of_the_name(ros: Ros) -> None:
+    for machine in ("excavator", "site/truck"):
+        ros.node("machine_sim", namespace=machine).create_publisher(
+            JointState, f"/{machine}/applied_commands", 10
+        )
+    screen = FakeScreen()
+    ros.add(TeleopNode, screen, namespace="/excvator")
+    ros.spin_until(lambda: "--machine may be /excavator, /site/truck" in screen.text)
+    states = ros.publisher("/excvator/joint_states", JointState, subscriptions=1)
+    states.publish(JointState())
+    ros.spin_until(lambda: "driving" in screen.text)
+
+
 def test_axes_are_those_of_the_machine(ros: Ros) -> None:
     scene = Scene(ros)
     scene.machine(**{"commands.joy_pattern": "sae", "commands.joy_right_y": 8})
