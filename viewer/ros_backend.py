@@ -6,6 +6,7 @@ executor at once.
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -31,6 +32,9 @@ __all__ = ["RosBackend"]
 
 _SERVICE_TIME = 10.0
 """Wall time after which a service counts as not answering [s]."""
+
+_LEVER_PAUSE = 0.2
+"""Time without levers after which the next ones begin with a message of all at rest [s]."""
 
 _SERVICES = {
     "pause": (SetBool, topics.PAUSE_SERVICE),
@@ -61,6 +65,7 @@ class RosBackend:
         self._node, self._writer, self._recorder = node, writer, recorder
         self._queue: deque[Callable[[], None]] = deque()
         self._publishers: dict[str, tuple[Any, Any]] = {}  # joy and emergency stop by machine
+        self._levers_at: dict[str, float] = {}  # time of the last levers by machine [s]
         self._pending: list[tuple[float, Any, Any, Reply]] = []
         self._clients = {
             action: node.create_client(kind, resolve(name, simulation_namespace))
@@ -118,11 +123,17 @@ class RosBackend:
     def _publish_levers(self, machine: str, deflections: dict[str, float]) -> None:
         if machine not in self._publishers:
             return
-        node = self._writer.node_of(machine)
-        values = to_joy(deflections, self._writer.commands.get(node, CommandParams()))
-        message = Joy(axes=values.axes, buttons=values.buttons)
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        self._publishers[machine][0].publish(message)
+        now = time.monotonic()
+        is_first = now - self._levers_at.get(machine, -math.inf) > _LEVER_PAUSE
+        self._levers_at[machine] = now
+        # Machines ignore an axis that is deflected in the first message of a device.
+        at_rest = dict.fromkeys(deflections, 0.0)
+        for each in (at_rest, deflections) if is_first else (deflections,):
+            node = self._writer.node_of(machine)
+            values = to_joy(each, self._writer.commands.get(node, CommandParams()))
+            message = Joy(axes=values.axes, buttons=values.buttons)
+            message.header.stamp = self._node.get_clock().now().to_msg()
+            self._publishers[machine][0].publish(message)
 
     def _set_emergency_stop(self, machine: str, pressed: bool) -> None:
         if machine in self._publishers:

@@ -112,6 +112,18 @@ def test_machine_moves_while_a_key_is_held_and_digs_what_is_shown(
     ros.spin_until(lambda: client.num_tiles == 25 and is_equal())
 
 
+def test_lever_that_is_pulled_at_once_moves_the_machine(watched: Watched, ros: Ros) -> None:
+    states = ros.collect(f"{MACHINE}/joint_states", JointState)
+    watched.take_control()
+
+    def swings() -> bool:
+        watched.client.send(type="drive", machine=MACHINE, held=[], deflections={"left_x": 1.0})
+        swing = states[-1].name.index("swing") if states else 0
+        return bool(states) and abs(states[-1].velocity[swing]) > 0.1
+
+    ros.spin_until(swings)
+
+
 def test_levers_are_released_when_the_page_is_closed(watched: Watched, ros: Ros) -> None:
     joys = ros.collect(f"{MACHINE}/joy", Joy)
     watched.take_control()
