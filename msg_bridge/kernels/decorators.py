@@ -90,5 +90,5 @@ def _check_when_compiled(dispatcher: Any) -> None:
 def _contains_array(kind: Any) -> bool:
     """Return whether a Numba type is an array, or a tuple with one."""
     if isinstance(kind, types.BaseTuple):
-        return any(map(_contains_array, kind))
+        return any(map(_contains_array, kind))  # type: ignore[call-overload]
     return isinstance(kind, types.Array)
