@@ -126,10 +126,14 @@ class SweptCut:
             self._columns.boxed_arrays,
             strength,
         )
+        return self._take_in(self._remove_lost(), sweep)
+
+    def _remove_lost(self) -> RemovedSoil:
+        """Remove from the columns what their subcolumns lost in a sweep."""
         removed: RemovedSoil = _remove_from_columns(
-            self._columns.boxed_arrays, refined.boxed_arrays, refined.count
+            self._columns.boxed_arrays, self._refined.boxed_arrays, self._refined.count
         )
-        return self._take_in(removed, sweep)
+        return removed
 
     def _take_in(self, removed: RemovedSoil, sweep: CutSweep) -> RemovedSoil:
         """Return what the tool has room for of the soil it removed; displace the rest."""
@@ -169,10 +173,7 @@ class SweptCut:
             strength,
             contacts,
         )
-        removed: RemovedSoil = _remove_from_columns(
-            self._columns.boxed_arrays, refined.boxed_arrays, refined.count
-        )
-        return removed, Milling(sweep.machine_id, sweep.tool, used, contacts)
+        return self._remove_lost(), Milling(sweep.machine_id, sweep.tool, used, contacts)
 
     def _box_raster(self) -> BoxedTable:
         """Return the arrays that sweeps are rasterized to, until they are allocated again."""
