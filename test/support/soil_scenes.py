@@ -18,6 +18,7 @@ from msg_bridge.contract.rows import (
     Rows,
     empty_rows,
 )
+from soil_sim.columns.operations import pack_firm
 from soil_sim.soil import Soil, SoilStepResult
 from soil_sim.soils.params import SoilParams
 
@@ -153,3 +154,13 @@ def contour_radii(soil: Soil, level: float, directions: int = 72) -> NDArray[np.
         ) * u
         radii[k] = r[np.argmax(z < level)]
     return radii
+
+
+def packed_soil(rut_depth: float) -> Soil:
+    """Return level loam that was pressed down everywhere by a depth [m]."""
+    soil = flat_soil(6.0, 0.2, soil="loam")
+    soil.relaxation.is_enabled = False
+    columns = soil.columns
+    for i in range(columns.height.size):
+        pack_firm(columns.arrays, i, rut_depth / columns.metres_per_mm3)
+    return soil
