@@ -17,7 +17,7 @@ __all__ = ["RecorderProcess", "RecordingError"]
 _MODULE = "msg_bridge.recorder.recorder_node"
 _MIN_FREE_SPACE = 500 * 2**20
 """Free space on the disk below which no recording starts [bytes]."""
-_STOP_TIME = 10.0
+_STOP_TIME = 60.0
 _MAX_REASON_LENGTH = 500
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+import signal
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.processes import ChildProcess, python_module_command
+from msg_bridge.processes.child_main import STACKS_SIGNAL
 
 __all__ = [
     "STARTUP_STOP_TIMEOUT",
@@ -20,14 +22,21 @@ __all__ = [
     "waiting_reasons",
 ]
 
-STOP_TIMEOUT = 20.0
-"""Maximum wall time for a node to end after a signal [s]; a recorder has to finish its bag."""
+STOP_TIMEOUT = 60.0
+"""Maximum wall time for a node to end after a signal [s]; a recorder has to finish its bag, on a
+disk that may be slow."""
 
 STARTUP_STOP_TIMEOUT = 2.0
 """The same before the first tick [s]: a node that compiles does not react to signals."""
 
 _NUM_TAIL_LINES = 12
 """Lines shown from the end of a node's output when it fails."""
+
+_NUM_STACK_LINES = 60
+"""The same for a node that was killed because it did not end; its last lines are its calls."""
+
+_STACKS_TIME = 1.0
+"""Wall time in which a node that does not end prints its calls [s]."""
 
 _ERROR = "[ERROR]"
 _WAITING = re.compile(r"(waiting for|compiling kernels:) [^;]*", re.IGNORECASE)
@@ -71,12 +80,16 @@ class NodeProcess(ChildProcess):
     def stop(self, timeout: float = STOP_TIMEOUT) -> int:
         """Interrupt the node, wait until it has ended, and return its exit code.
 
-        It is killed if it does not end within `timeout` [s].
+        If it does not end within `timeout` [s], it prints the calls of its threads and is killed.
         """
         if self.exit_code is None:
             self.interrupt()
         code = self.wait(timeout)
-        return self.kill() if code is None else code
+        if code is not None:
+            return code
+        self.interrupt(STACKS_SIGNAL)
+        self.wait(_STACKS_TIME)
+        return self.kill()
 
 
 def stop_all(processes: Sequence[NodeProcess], timeout: float = STOP_TIMEOUT) -> list[str]:
@@ -91,8 +104,15 @@ def stop_all(processes: Sequence[NodeProcess], timeout: float = STOP_TIMEOUT) ->
         was_running = process.exit_code is None
         start_time = time.monotonic()
         code = process.stop(timeout)
-        if code and was_running:
-            seconds = time.monotonic() - start_time
+        if not code or not was_running:
+            continue
+        seconds = time.monotonic() - start_time
+        if code == -signal.SIGKILL:
+            problems.append(
+                f"{process.name} did not end within {seconds:.0f} s and was killed; its output is"
+                f" in {process.log}:\n{process.tail(_NUM_STACK_LINES)}"
+            )
+        else:
             problems.append(
                 f"{process.name} ended with exit code {code} after {seconds:.0f} s"
                 f"{_last_error(process)}; its output is in {process.log}"

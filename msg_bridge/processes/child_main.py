@@ -8,17 +8,23 @@ starts. On systems without `prctl` (not Linux) it has no effect.
 
 Python's handler of SIGINT is restored: a process inherits an ignored SIGINT, for example from a
 shell's background job, and could not be interrupted.
+
+A crash in a native library, and `STACKS_SIGNAL` at any time, print the calls of all Python threads.
 """
 
 from __future__ import annotations
 
 import ctypes
+import faulthandler
 import os
 import runpy
 import signal
 import sys
 
-__all__ = ["main"]
+__all__ = ["STACKS_SIGNAL", "main"]
+
+STACKS_SIGNAL = signal.SIGUSR1
+"""Signal on which the process prints the calls of its threads, also while native code runs."""
 
 _PR_SET_PDEATHSIG = 1
 """Option of prctl(2): the signal sent to this process when its parent dies."""
@@ -29,6 +35,8 @@ def main(argv: list[str]) -> None:
     parent_pid, module, *arguments = argv
     _terminate_with_parent(int(parent_pid))
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    faulthandler.enable()
+    faulthandler.register(STACKS_SIGNAL)
     sys.argv = [module, *arguments]
     runpy.run_module(module, run_name="__main__", alter_sys=True)
 

@@ -75,3 +75,14 @@ def test_stop_reports_nodes_that_end_with_an_error(
     assert len(problems) == num_problems
     assert all("0 s: imbalance of 3 mm3; its output" in problem for problem in problems)
     assert process.exit_code == code
+
+
+def test_node_that_does_not_end_is_killed_and_its_calls_are_reported(start: StartNode) -> None:
+    code = (
+        "import signal, time\nsignal.signal(signal.SIGINT, signal.SIG_IGN)\n"
+        "def wait_for_disk():\n    time.sleep(60)\nprint('started', flush=True)\nwait_for_disk()"
+    )
+    process = start(code)
+    (problem,) = stop_all([process], timeout=0.1)
+    assert "did not end within" in problem
+    assert "in wait_for_disk" in problem
