@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,20 +89,20 @@ class SweepLimits:
         if sweeps.size == 0:
             return sweeps, ()
         segments = sweeps.view(SWEEP_SEGMENT)["ends"].astype(np.float64).reshape(-1, 2, 3)
-        ids = sweeps["machine_id"].astype(np.uint32) << 16 | sweeps["tool"]
-        begins = [0, *(1 + np.flatnonzero(ids[1:] != ids[:-1])).tolist()]
-        is_accepted = np.ones(sweeps.size, dtype=np.bool_)
-        messages = []
-        for begin, end in zip(begins, [*begins[1:], sweeps.size], strict=True):
-            machine_id, tool = int(sweeps["machine_id"][begin]), int(sweeps["tool"][begin])
+        # Of some twenty rows: each operation of NumPy would take as long as the loop.
+        actions = sweeps["action"].tolist()
+        owners = zip(sweeps["machine_id"].tolist(), sweeps["tool"].tolist(), strict=True)
+        rejected, messages, end = [], [], 0
+        for (machine_id, tool), rows in groupby(owners):
+            begin, end = end, end + len(list(rows))
             tools = self._machines.setdefault(machine_id, {})
-            is_pressing = (sweeps["action"][begin:end] == SweepAction.COMPACT).all()
+            is_pressing = all(each == SweepAction.COMPACT for each in actions[begin:end])
             tolerance = _PRESSING_GAP_TOLERANCE if is_pressing else _GAP_TOLERANCE
             fault = self._find_fault(tools, tool, tick, segments[begin:end], tolerance)
             if fault:
-                is_accepted[begin:end] = False
+                rejected += range(begin, end)
                 messages.append(f"machine {machine_id}, tool {tool} is rejected: {fault}")
-        return (sweeps[is_accepted] if messages else sweeps), tuple(messages)
+        return np.delete(sweeps, rejected) if rejected else sweeps, tuple(messages)
 
     def update_sessions(self, session_ids: Mapping[int, int]) -> None:
         """Remove the tools of machines whose session has ended.

@@ -45,12 +45,12 @@ class ApparentGravity:
     """Filtered acceleration and apparent gravity of each tool, in the order of the tool indices.
 
     Attributes:
-        gravity_vector: gravity [m/s^2], map axes, shape (3,).
+        standard: acceleration of gravity, downward [m/s^2].
         in_tools, boxed: `GravityInTools`; kernels update it.
     """
 
     def __init__(self, gravity: float) -> None:
-        self.gravity_vector = np.array([0.0, 0.0, -gravity])
+        self.standard = gravity
         self._set_rows(np.zeros((0, 3)) for _ in GravityInTools._fields)
 
     def _set_rows(self, columns: Iterable[NDArray[np.float64]]) -> None:
@@ -59,7 +59,7 @@ class ApparentGravity:
 
     def add_tool(self, tool: RigidTool) -> None:
         """Append a tool that has been at rest at its pose so far."""
-        current, at_rest = tool.start[0].T @ self.gravity_vector, np.zeros(3)
+        current, at_rest = tool.start[0].T @ np.array([0.0, 0.0, -self.standard]), np.zeros(3)
         added = GravityInTools(current, current, acceleration=at_rest, velocity=at_rest)
         self._set_rows(map(np.vstack, zip(self.in_tools, added, strict=True)))
 

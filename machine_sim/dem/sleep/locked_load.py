@@ -1,49 +1,95 @@
-"""Locked load: soil that is locked to a tool and moves with it as one rigid body."""
+"""Locked loads: soil that is locked to a tool and moves with it as one rigid body."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.dem.tools.pose import ANGULAR, ORIGIN, rotate_to_map_axes, velocity_at
-from msg_bridge.kernels import kernel
+from machine_sim.dem.tools.pose import (
+    ANGULAR,
+    LINEAR,
+    ORIGIN,
+    rotate_to_map_axes,
+    velocity_at,
+)
+from machine_sim.dem.vec3 import cross
+from msg_bridge.kernels import fixed_signature_kernel, helper
 
-__all__ = ["move_locked_load"]
+__all__ = ["move_locked_loads"]
 
 
-@kernel
-def move_locked_load(tool, locked_rows, tool_of_row, pose, twist, mass, view):  # type: ignore[no-untyped-def]
-    """Move the particles that are locked to a tool to its pose.
+@fixed_signature_kernel
+def move_locked_loads(  # type: ignore[no-untyped-def]
+    standard, locked_rows, tool_of_row, mass, boxed_particles, boxed_tools, boxed_gravity
+):
+    """Move locked particles to the end poses of their tools; add their weight and inertia to the
+    wrenches.
 
     Args:
-        tool: index of the tool, one that has a locked load.
+        standard: acceleration of gravity, downward [m/s^2].
+        locked_rows, tool_of_row: locked rows, and the tool index of each.
+        mass: of all particles [kg].
+        boxed_particles: `SleepView`, boxed, as the tables below; the motion is updated.
+        boxed_tools: `ToolMotion` of a step that has begun; the wrenches are updated.
+        boxed_gravity: `GravityInTools`.
+    """
+    particles, tools = boxed_particles.table, boxed_tools.table
+    acceleration = boxed_gravity.table.acceleration
+    substeps, num_tools = tools.path.shape[0] - 1, tools.path.shape[1]
+    for t in range(num_tools):
+        load, centre = _move_locked_load(
+            t, locked_rows, tool_of_row, tools.path[substeps, t], tools.twist[t], mass, particles
+        )
+        if load == 0.0:
+            continue
+        force = (
+            load * (0.0 - acceleration[t, 0]),
+            load * (0.0 - acceleration[t, 1]),
+            load * (-standard - acceleration[t, 2]),
+        )
+        torque = cross(centre, force)
+        for axis in range(3):
+            # The wrench is a sum over the substeps until `end_step` divides it.
+            tools.wrench[t, LINEAR + axis] += force[axis] * substeps
+            tools.wrench[t, ANGULAR + axis] += torque[axis] * substeps
+
+
+@helper
+def _move_locked_load(tool, locked_rows, tool_of_row, pose, twist, mass, particles):  # type: ignore[no-untyped-def]
+    """Move the particles that are locked to a tool to its pose.
+
+    The wake reference of a locked particle is its position in the tool frame.
+
+    Args:
+        tool: index of the tool.
         locked_rows, tool_of_row: locked rows of all tools, and the tool index of each.
         pose, twist: packed pose and twist of the tool.
         mass: of all particles [kg].
-        view: `SleepView`; the motion is updated. The wake reference of a locked particle is its
-            position in the tool frame.
+        particles: `SleepView`; the motion is updated.
 
     Returns:
-        Mass of the load [kg], and its centre of mass relative to the origin of the tool's frame
-        [m], map axes, shape (3,).
+        Mass of the load [kg], 0 if there is none, and its centre of mass relative to the origin of
+        the tool's frame [m], map axes.
     """
-    load, moment = 0.0, np.zeros(3)
+    load = moment_x = moment_y = moment_z = 0.0
     for k in range(locked_rows.size):
         if tool_of_row[k] != tool:
             continue
         i = locked_rows[k]
-        x, y, z = rotate_to_map_axes(
-            pose, view.wake_reference[i, 0], view.wake_reference[i, 1], view.wake_reference[i, 2]
-        )
-        view.position[i, 0] = pose[ORIGIN] + x
-        view.position[i, 1] = pose[ORIGIN + 1] + y
-        view.position[i, 2] = pose[ORIGIN + 2] + z
+        reference = particles.wake_reference[i]
+        x, y, z = rotate_to_map_axes(pose, reference[0], reference[1], reference[2])
+        particles.position[i, 0] = pose[ORIGIN] + x
+        particles.position[i, 1] = pose[ORIGIN + 1] + y
+        particles.position[i, 2] = pose[ORIGIN + 2] + z
         vx, vy, vz = velocity_at(twist, x, y, z)
-        view.velocity[i, 0], view.velocity[i, 1], view.velocity[i, 2] = vx, vy, vz
+        particles.velocity[i, 0], particles.velocity[i, 1] = vx, vy
+        particles.velocity[i, 2] = vz
         for axis in range(3):
-            view.angular_velocity[i, axis] = twist[ANGULAR + axis]
+            particles.angular_velocity[i, axis] = twist[ANGULAR + axis]
         m = np.float64(mass[i])
         load += m
-        moment[0] += m * x
-        moment[1] += m * y
-        moment[2] += m * z
-    return load, moment / load
+        moment_x += m * x
+        moment_y += m * y
+        moment_z += m * z
+    if load == 0.0:
+        return load, (0.0, 0.0, 0.0)
+    return load, (moment_x / load, moment_y / load, moment_z / load)

@@ -9,7 +9,7 @@ from machine_sim.dem.contacts.step_contacts import StepContactTables
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.sleep.apparent_gravity import ApparentGravity
 from machine_sim.dem.sleep.fall_asleep import update_sleep
-from machine_sim.dem.sleep.locked_load import move_locked_load
+from machine_sim.dem.sleep.locked_load import move_locked_loads
 from machine_sim.dem.sleep.sleep_state import (
     AWAKE,
     MovingRows,
@@ -20,7 +20,6 @@ from machine_sim.dem.sleep.sleep_state import (
 from machine_sim.dem.sleep.wake_conditions import WAKE_SPHERE_SIZE
 from machine_sim.dem.sleep.wake_disturbed import wake_disturbed
 from machine_sim.dem.state import ParticleState
-from machine_sim.dem.tools.pose import ANGULAR
 from machine_sim.dem.tools.rigid_tool import RigidTool
 from machine_sim.dem.tools.tool_set import ToolSet
 from machine_sim.ground.contact_surface import Ground
@@ -103,15 +102,10 @@ class SleepManager:
             tools: before `ToolSet.end_step`.
             moving: rows of the step, of which one is locked at least.
         """
-        view, tool_of_row = state.view(SleepView), moving.locked_tool
-        for t in np.unique(tool_of_row):
-            load, centre = move_locked_load(
-                t, moving.locked, tool_of_row, tools.path[-1, t], tools.twist[t], state.mass, view
-            )
-            force = load * (self._gravity.gravity_vector - self._gravity.in_tools.acceleration[t])
-            # The wrench is a sum over the substeps until `end_step` divides it.
-            tools.wrench[t, :ANGULAR] += force * tools.substeps
-            tools.wrench[t, ANGULAR:] += np.cross(centre, force) * tools.substeps
+        move_locked_loads(
+            self._gravity.standard, moving.locked, moving.locked_tool, state.mass,
+            state.boxed_view(SleepView), tools.boxed_motion, self._gravity.boxed,
+        )  # fmt: skip
 
     def update(
         self,
