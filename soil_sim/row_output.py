@@ -16,7 +16,7 @@ from msg_bridge.contract.rows import (
     Rows,
     empty_rows,
 )
-from msg_bridge.kernels import fixed_signature_kernel, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper, kernel
 from soil_sim.columns.changes import ColumnChanges
 from soil_sim.columns.grid_frame import GridFrame
 from soil_sim.columns.state import Columns
@@ -30,6 +30,10 @@ _EXCAVATE, _DEPOSIT, _OUTSIDE, _REJECT = (
     int(ConversionKind.OUTSIDE),
     int(ConversionKind.REJECT),
 )
+
+_HASH_FACTOR = 2654435761
+"""Factor of multiplicative hashing of ids of 32 bits (Knuth, The Art of Computer Programming, 3,
+section 6.4)."""
 
 
 def convert_deposit_requests(
@@ -50,15 +54,7 @@ def convert_deposit_requests(
     """
     if deposit_requests.size == 0:  # as in most ticks
         return empty_rows(CONVERSION)
-    machine_ids, particle_ids = (
-        deposit_requests[name].tolist() for name in ("machine_id", "particle_id")
-    )
-    first: dict[tuple[int, int], int] = {}  # index of the first row of each particle
-    for n, particle in enumerate(zip(machine_ids, particle_ids, strict=True)):
-        first.setdefault(particle, n)
-    is_first = np.zeros(deposit_requests.size, dtype=np.bool_)
-    is_first[list(first.values())] = True
-    conversions: Rows = _convert_requests(deposit_requests, is_first, tick, num_soil_types, frame)
+    conversions: Rows = _convert_requests(deposit_requests, tick, num_soil_types, frame)
     return conversions
 
 
@@ -92,9 +88,9 @@ def map_update_rows(changes: ColumnChanges, columns: Columns, revision: int) -> 
 
 
 @fixed_signature_kernel
-def _convert_requests(requests, is_first, tick, num_soil_types, frame):  # type: ignore[no-untyped-def]
-    """Return CONVERSION rows of requests; `is_first` marks the first one of each particle."""
-    conversions = np.zeros(requests.size, CONVERSION)
+def _convert_requests(requests, tick, num_soil_types, frame):  # type: ignore[no-untyped-def]
+    """Return the rows of `convert_deposit_requests`."""
+    conversions, is_first = np.zeros(requests.size, CONVERSION), _are_first(requests)
     for n in range(requests.size):
         request, row = requests[n], conversions[n]
         row.x, row.y, row.z = request.x, request.y, request.z
@@ -117,6 +113,30 @@ def _convert_requests(requests, is_first, tick, num_soil_types, frame):  # type:
         else:
             row.kind = _OUTSIDE
     return conversions
+
+
+@helper(allocates=True)
+def _are_first(requests):  # type: ignore[no-untyped-def]
+    """Return which rows are the first ones of their machine and particle, shape (n,), bool."""
+    is_first = np.ones(requests.size, np.bool_)
+    size, shift = 1, 32
+    while size < 2 * requests.size:
+        size, shift = 2 * size, shift - 1
+    # A hash table: row of a particle at the number that its ids give, or at the next free one.
+    rows = np.full(size, -1, np.int64)
+    for n in range(requests.size):
+        machine_id, particle_id = requests[n].machine_id, requests[n].particle_id
+        key = (np.int64(particle_id) + np.int64(machine_id)) & 0xFFFFFFFF
+        at = (key * _HASH_FACTOR & 0xFFFFFFFF) >> shift
+        while rows[at] >= 0:
+            other = requests[rows[at]]
+            if other.particle_id == particle_id and other.machine_id == machine_id:
+                is_first[n] = False
+                break
+            at = (at + 1) & (size - 1)
+        if is_first[n]:
+            rows[at] = n
+    return is_first
 
 
 @kernel

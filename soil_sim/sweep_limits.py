@@ -92,7 +92,8 @@ class SweepLimits:
         # Of some twenty rows: each operation of NumPy would take as long as the loop.
         actions = sweeps["action"].tolist()
         owners = zip(sweeps["machine_id"].tolist(), sweeps["tool"].tolist(), strict=True)
-        rejected, messages, end = [], [], 0
+        rejected: list[int] = []
+        messages, end = [], 0
         for (machine_id, tool), rows in groupby(owners):
             begin, end = end, end + len(list(rows))
             tools = self._machines.setdefault(machine_id, {})

@@ -8,6 +8,10 @@ All kernels are compiled with these options:
   would prevent vectorisation.
 - No wrapper that makes a kernel callable from C: nothing calls it, and with tables of a dozen
   arrays as arguments it takes as long to compile as the kernel itself.
+- Negative indices count from the end, as in NumPy. Where an index was computed or read from an
+  array, the compiler cannot know that it is not negative, and tests it in each access. In the few
+  loops where that is a third of the time, kernels make it unsigned by `np.uint64`. Such an index
+  must not meet a signed integer in arithmetic: Numba makes the result a float.
 - No fast maths: where the compiler may reorder sums or fuse multiply and add, a kernel inlined into
   another one gives other last bits than the same kernel when it is called. Which of the two runs
   depends on what came from the cache, so runs would not be reproducible. It saves 0 to 10 %.

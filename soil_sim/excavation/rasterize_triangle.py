@@ -174,29 +174,33 @@ def _rasterize_triangle(a, b, c, raster, count):  # type: ignore[no-untyped-def]
         low, high = _extend_span(fi, uc, vc, ua, va, low, high)
         j0 = np.int64(min(max(np.ceil(low - _SPAN_TOLERANCE), 0.0), cols))
         j1 = np.int64(max(min(np.floor(high + _SPAN_TOLERANCE), cols - 1.0), -1.0))
-        i = fi // per_side
+        # Divisions of integers take as long as the rest of the loop over fj: one for a row of it.
+        i, j = fi // per_side, j0 // per_side
+        first_q, aside = (fi - i * per_side) * per_side, j0 - j * per_side - 1
         for fj in range(j0, j1 + 1):
+            aside += 1
+            if aside == per_side:
+                j, aside = j + 1, 0
             # Limited to the heights of the corners: the slopes of a sliver are ill-conditioned.
             z = max(min(a[2] + z_u * (fi - ua) + z_v * (fj - va), highest), lowest)
-            j = fj // per_side
-            k = i * grid.cols + j
+            k = np.uint64(i * grid.cols + j)
             slot = raster.slot_of[k]
             if slot < 0:
                 if not z < raster.height[k]:
                     continue
                 slot = count
                 count += 1
-                refine_column(raster, k, slot)
-            if z <= raster.initial_height[slot]:
-                raster.last_tick[slot] = raster.tick
-            q = (fi - i * per_side) * per_side + fj - j * per_side
-            lost = raster.subcolumn_height[slot, q] - z
+                refine_column(raster, np.int64(k), slot)
+            n, q = np.uint64(slot), np.uint64(first_q + aside)
+            if z <= raster.initial_height[n]:
+                raster.last_tick[n] = raster.tick
+            lost = raster.subcolumn_height[n, q] - z
             if lost > 0.0:
-                raster.subcolumn_height[slot, q] = z
-                raster.removed_moments[slot, REMOVED_HEIGHT] += lost
-                raster.removed_moments[slot, MOMENT_X] += lost * (x - fi * fine)
-                raster.removed_moments[slot, MOMENT_Y] += lost * (y - fj * fine)
-                raster.removed_moments[slot, MOMENT_Z] += lost * (z + 0.5 * lost)
+                raster.subcolumn_height[n, q] = z
+                raster.removed_moments[n, REMOVED_HEIGHT] += lost
+                raster.removed_moments[n, MOMENT_X] += lost * (x - fi * fine)
+                raster.removed_moments[n, MOMENT_Y] += lost * (y - fj * fine)
+                raster.removed_moments[n, MOMENT_Z] += lost * (z + 0.5 * lost)
     return count
 
 

@@ -172,7 +172,7 @@ def _find_target(  # type: ignore[no-untyped-def]
     rows, cols = shape
     row, col = i // cols, i % cols
     count = distance.size
-    min_tangent = min(tangent, firm_tangent)
+    height_of_i, min_tangent = height[i], min(tangent, firm_tangent)
     target, target_excess, target_firm_excess = np.int64(-1), 0.0, 0.0
     max_score, min_excess = 0.0, tolerance
     is_firm_steep = False
@@ -182,14 +182,14 @@ def _find_target(  # type: ignore[no-untyped-def]
             r, c = row + offsets[k, 0], col + offsets[k, 1]
             if r < 0 or r >= rows or c < 0 or c >= cols:
                 continue
-        j = i + index_offset[k]
-        drop = height[i] - height[j]
+        j = np.uint64(i + index_offset[k])
+        drop = height_of_i - height[j]
         if drop - min_tangent * distance[k] <= min_excess or occupied[j] != 0:
             continue
         if is_tool_between(occupied, between, i, k):
             continue
         # Loose soil can move as far as there is any, and firm soil if it is unstable.
-        excess = min(drop - tangent * distance[k], height[i] - firm_height)
+        excess = min(drop - tangent * distance[k], height_of_i - firm_height)
         firm_excess = firm_height - height[j] - firm_tangent * distance[k]
         is_firm_steep |= firm_excess > tolerance
         if firm_excess > tolerance and include_firm:
@@ -207,7 +207,7 @@ def _find_target(  # type: ignore[no-untyped-def]
             max_score = score
         else:
             min_excess = excess
-        target, target_excess, target_firm_excess = j, excess, firm_excess
+        target, target_excess, target_firm_excess = np.int64(j), excess, firm_excess
     return target, target_excess, target_firm_excess, is_firm_steep
 
 
@@ -228,7 +228,7 @@ def _may_fail(height, index_offset, distance, i, min_repose_tan, tolerance):  # 
     """
     highest = height[i] - tolerance
     for k in range(index_offset.size):
-        if highest - height[i + index_offset[k]] > min_repose_tan * distance[k]:
+        if highest - height[np.uint64(i + index_offset[k])] > min_repose_tan * distance[k]:
             return True
     return False
 

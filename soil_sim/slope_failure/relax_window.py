@@ -210,19 +210,23 @@ def _relax_window(  # type: ignore[no-untyped-def]
 @helper(allocates=True)
 def _planned_changes(surface, heights):  # type: ignore[no-untyped-def]
     """Return where heights differ from a surface: (row, column in the window, difference [m])."""
+    before, after = surface.heights.reshape(-1), heights.reshape(-1)
+    size = 0
+    for k in range(after.size):
+        size += after[k] != before[k]
+    rows, cols, change = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size)
     num_rows, num_cols = heights.shape
     if surface.is_transposed:
         num_rows, num_cols = num_cols, num_rows
     count = 0
-    rows, cols = np.empty(heights.size, np.int64), np.empty(heights.size, np.int64)
-    change = np.empty(heights.size)
     for i in range(num_rows):
         for j in range(num_cols):
             a, b = (j, i) if surface.is_transposed else (i, j)
-            change[count] = heights[a, b] - surface.heights[a, b]
-            rows[count], cols[count] = i, j
-            count += change[count] != 0.0
-    return rows[:count].copy(), cols[:count].copy(), change[:count].copy()
+            if heights[a, b] != surface.heights[a, b]:
+                rows[count], cols[count] = i, j
+                change[count] = heights[a, b] - surface.heights[a, b]
+                count += 1
+    return rows, cols, change
 
 
 def _window_min(values: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:

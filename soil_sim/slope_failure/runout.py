@@ -97,7 +97,7 @@ def deposit_with_runout(slopes, shares, first_index, budget):  # type: ignore[no
     thin, thick = _MIN_LAYER * params.distance[0], _MAX_LAYER * params.distance[0]
     is_even = params.jitter == 0.0 and params.repose_tan_scale.size == 0
     index_offset, between, preference = _list_neighbours(params)
-    limit = np.empty(2 * count)
+    limit, scores = np.empty(2 * count), np.empty(count)
     pending = np.arange(cells.size)
     num_pending = _keep_pending(volumes, pending, pending.size)
     steps = 0
@@ -126,8 +126,8 @@ def deposit_with_runout(slopes, shares, first_index, budget):  # type: ignore[no
                     is_interior = reach <= row < rows - reach and reach <= col < cols - reach
                     if is_even and is_interior:
                         target, max_excess = _find_interior_target(
-                            height, occupied, index_offset, between, preference, limit, i, top,
-                            count * (steps % 2), tolerance,
+                            height, occupied, index_offset, between, preference, limit, scores,
+                            i, top, count * (steps % 2), tolerance,
                         )  # fmt: skip
                     else:
                         target, max_excess = _find_target(
@@ -208,17 +208,19 @@ def _set_limits(limit, params, tangent):  # type: ignore[no-untyped-def]
 
 @helper(forceinline=True)
 def _find_interior_target(  # type: ignore[no-untyped-def]
-    height, occupied, index_offset, between, preference, limit, i, top, first, tolerance
+    height, occupied, index_offset, between, preference, limit, scores, i, top, first, tolerance
 ):
     """Find the neighbour that soil up to `top` [m] on an interior column moves to.
 
-    For slopes without noise.
+    For slopes without noise. The loop over the neighbours has no branches and unsigned indices
+    (`msg_bridge.kernels.decorators`): it is most of the time of a deposit.
 
     Args:
         height: surface of each column [m], flat.
         occupied: marks of `columns.occupancy`, flat, uint8.
         index_offset, between, preference: see `_list_neighbours`.
         limit: see `_set_limits`.
+        scores: scratch, shape (n,).
         i: flat index of the column.
         top: surface of the column with the soil [m].
         first: number of the listed neighbour at which the search starts.
@@ -228,18 +230,31 @@ def _find_interior_target(  # type: ignore[no-untyped-def]
         (flat index of the neighbour with the maximum score, -1 if there is none; maximum excess
         [m]).
     """
-    target, max_excess, max_score = np.int64(-1), 0.0, 0.0
-    for k in range(first, first + index_offset.size // 2):
-        j = i + index_offset[k]
-        excess = top - height[j] - limit[k]
-        if excess > tolerance and occupied[j] == 0:
-            if is_tool_between(occupied, between, i, k):
-                continue
-            max_excess = max(max_excess, excess)
-            score = excess + preference[k]
-            if score > max_score:
-                max_score, target = score, j
-    return target, max_excess
+    max_excess = max_score = 0.0
+    marks = np.uint8(0)
+    for k in range(scores.size):
+        n = np.uint64(first + k)
+        j = np.uint64(i + index_offset[n])
+        excess = top - height[j] - limit[n]
+        scores[k] = excess + preference[n] if excess > tolerance else 0.0
+        max_excess = max(max_excess, excess)
+        max_score = max(max_score, scores[k])
+        marks |= occupied[j]
+    if marks != 0:
+        max_excess = max_score = 0.0
+        for k in range(scores.size):
+            j = i + index_offset[first + k]
+            if occupied[j] != 0 or is_tool_between(occupied, between, i, first + k):
+                scores[k] = 0.0
+            elif scores[k] > 0.0:
+                max_excess = max(max_excess, top - height[j] - limit[first + k])
+                max_score = max(max_score, scores[k])
+    if max_score == 0.0:
+        return np.int64(-1), 0.0
+    k = 0
+    while scores[k] != max_score:
+        k += 1
+    return i + index_offset[first + k], max_excess
 
 
 @helper
