@@ -1,10 +1,10 @@
-"""Keep freed memory of large arrays for the next ones."""
+"""Freed memory: kept for the next large arrays, or returned to the system."""
 
 from __future__ import annotations
 
 import ctypes
 
-__all__ = ["keep_freed_memory"]
+__all__ = ["keep_freed_memory", "return_freed_memory"]
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # parameters of mallopt, malloc.h
 
@@ -30,3 +30,16 @@ def keep_freed_memory() -> bool:
     return bool(mallopt(_M_MMAP_THRESHOLD, _MAX_BLOCK_SIZE)) and bool(
         mallopt(_M_TRIM_THRESHOLD, _MAX_FREE_SIZE)
     )
+
+
+def return_freed_memory() -> bool:
+    """Return free pages of the heap to the system; return whether there were any.
+
+    Reading machine code from the cache and building a terrain leave tens of megabytes of them,
+    which a node that runs for hours does not need again. Without effect where the C library is not
+    glibc.
+    """
+    try:
+        return bool(ctypes.CDLL(None).malloc_trim(0))
+    except (OSError, AttributeError):
+        return False

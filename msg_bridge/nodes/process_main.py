@@ -32,7 +32,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import ok, remove_ros_args, try_shutdown
 
-from msg_bridge.allocator import keep_freed_memory
+from msg_bridge.allocator import keep_freed_memory, return_freed_memory
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.dds_profile import use_shipped_profile
 from msg_bridge.nodes.node_usage import NodeUsage
@@ -144,6 +144,7 @@ def _run(make_node: Callable[[], Node], stopped: _StopFlag, program: str) -> int
     # delay ticks.
     gc.collect()
     gc.freeze()
+    return_freed_memory()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:

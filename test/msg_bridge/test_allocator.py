@@ -1,4 +1,4 @@
-"""Memory of large arrays is reused: a new array does not need new pages of the system."""
+"""Freed memory: large arrays do not need new pages of the system, and free pages are returned."""
 
 import subprocess
 import sys
@@ -34,3 +34,28 @@ def test_large_arrays_reuse_freed_memory() -> None:
     if kept < 0 or by_default < 10_000:
         pytest.skip("the C library is not glibc, or the system has large pages")
     assert kept < 0.05 * by_default
+
+
+RETURN_MEMORY = """
+import sys
+from pathlib import Path
+from msg_bridge.allocator import keep_freed_memory, return_freed_memory
+def resident_kb():
+    return int(Path("/proc/self/status").read_text().partition("VmRSS:")[2].split()[0])
+if not keep_freed_memory():
+    print(-1)
+    sys.exit()
+blocks = [bytes(4000) for _ in range(20_000)]
+del blocks[:-1]  # the last one is at the end of the heap
+before = resident_kb()
+return_freed_memory()
+print(before - resident_kb())
+"""
+
+
+def test_free_pages_are_returned() -> None:
+    command = [sys.executable, "-c", RETURN_MEMORY]
+    returned = int(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    if returned < 0:
+        pytest.skip("the C library is not glibc")
+    assert returned > 60_000
