@@ -48,10 +48,11 @@ def analyse(bags: list[Path], tables: Path) -> None:
     import duckdb
 
     from earthmoving_sim.bag_export import export_bag
+    from msg_bridge.bag.bag_files import bag_name
     from msg_bridge.bag.reader import BagReader
 
     for bag in bags:
-        export_bag(BagReader(bag), tables / f"bag={bag.resolve().stem}", overwrite=True)
+        export_bag(BagReader(bag), tables / f"bag={bag_name(bag)}", overwrite=True)
     for query in (VOLUMES, CYCLES, WORK):
         print(duckdb.sql(query.format(tables=tables)))
 

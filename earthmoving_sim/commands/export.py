@@ -67,12 +67,13 @@ def run(args: argparse.Namespace) -> int:
     except ImportError as error:
         raise EarthmovingError(f"{error}; the export needs pyarrow: pip install pyarrow") from error
     from earthmoving_sim.reading_progress import reading_progress
+    from msg_bridge.bag.bag_files import bag_name
     from msg_bridge.bag.reader import BagReader
     from msg_bridge.raw_topics.topic_selection import is_topic_selected, validate_expression
 
     for name in ("include", "exclude"):
         validate_expression(f"--{name}", getattr(args, name))
-    folders = [args.output / f"bag={bag.resolve().stem}" for bag in args.bags]
+    folders = [args.output / f"bag={bag_name(bag)}" for bag in args.bags]
     if len(set(folders)) < len(folders):
         raise ExportError("two of the bags have the same name; export them to different folders")
     readers = [BagReader(bag, namespace=args.namespace) for bag in args.bags]

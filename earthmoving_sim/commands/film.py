@@ -128,7 +128,9 @@ def _picture_time(text: str) -> float:
 
 
 def _default_output(bag: Path, is_picture: bool) -> Path:
-    return _FOLDER / f"{bag.resolve().stem}.{'png' if is_picture else 'mp4'}"
+    from msg_bridge.bag.bag_files import bag_name
+
+    return _FOLDER / f"{bag_name(bag)}.{'png' if is_picture else 'mp4'}"
 
 
 def _camera(args: argparse.Namespace) -> MachineCamera:

@@ -48,10 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Recover the bag and print what was lost; return 0 if nothing was, else 1."""
     from earthmoving_sim.reading_progress import reading_progress
+    from msg_bridge.bag.bag_files import bag_name
     from msg_bridge.bag_recovery import recover_bag
 
     bag = Path(args.bag)
-    folder = args.output or bag.absolute().with_name(f"{bag.absolute().stem}-recovered")
+    folder = args.output or bag.absolute().parent / f"{bag_name(bag)}-recovered"
     recovered = recover_bag(bag, folder, compression=args.compression, progress=reading_progress())
     is_needed = not recovered.is_intact
     if not is_needed:

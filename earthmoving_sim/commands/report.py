@@ -47,10 +47,11 @@ def run(args: argparse.Namespace) -> int:
     """
     from earthmoving_sim.reading_progress import reading_progress
     from earthmoving_sim.run_report import write_report
+    from msg_bridge.bag.bag_files import bag_name
     from msg_bridge.bag.reader import BagReader
 
     reader = BagReader(args.bag, namespace=args.namespace)
-    folder = args.output or _FOLDER / args.bag.resolve().stem
+    folder = args.output or _FOLDER / bag_name(args.bag)
     report = write_report(
         reader, folder, title=args.title, run_id=args.run_id, progress=reading_progress()
     )

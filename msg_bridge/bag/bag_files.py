@@ -10,7 +10,17 @@ import yaml
 from msg_bridge.bag.mcap_index import BagReadError
 from msg_bridge.yaml_text import load_yaml
 
-__all__ = ["find_bag_files", "natural_sort_key"]
+__all__ = ["bag_name", "find_bag_files", "natural_sort_key"]
+
+
+def bag_name(path: Path) -> str:
+    """Return the name of a bag: that of its folder, dots included, or of its file without `.mcap`.
+
+    Args:
+        path: the folder or the file.
+    """
+    path = path.resolve()
+    return path.stem if path.suffix == ".mcap" else path.name
 
 
 def find_bag_files(path: Path) -> list[Path]:

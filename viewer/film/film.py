@@ -7,6 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+from msg_bridge.bag.bag_files import bag_name
 from viewer.film.frame_times import FrameTimes
 from viewer.film.outputs import FilmOutput, check_output, open_output
 from viewer.film.overlay import draw_overlay
@@ -168,7 +169,7 @@ def _write_frames(
 def _overlay_lines(request: FilmRequest, scene: Scene, now: float) -> list[str]:
     """Return the text of a frame: bag and time, then phase and load of the machine."""
     speed = "" if request.at is not None else f"  {request.speed:g} x"
-    lines = [f"{request.bag.resolve().stem}  {now:6.1f} s{speed}"]
+    lines = [f"{bag_name(request.bag)}  {now:6.1f} s{speed}"]
     wanted = request.camera.machine if isinstance(request.camera, MachineCamera) else ""
     view = scene.machines.get(wanted) or next(iter(scene.machines.values()), None)
     if view is None:
