@@ -3,7 +3,7 @@
 Everything that can be read is written into another bag with its index and metadata.yaml, which
 `ros2 bag` needs; the bag itself is not changed. Damaged parts are skipped and named with the time
 that they covered. Exits with 0 if nothing was lost but an end that was never written, with 1 if
-parts were damaged. A bag that is complete and undamaged is not written again.
+parts were damaged or a file is missing. A bag that is complete and undamaged is not written again.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(_report(recovered, bag, is_needed=is_needed), indent=2))
     else:
         print("\n".join(_lines(recovered, bag, is_needed=is_needed)))
-    return 1 if any(each.has_losses for each in recovered.files) else 0
+    return 1 if recovered.has_losses else 0
 
 
 def _lines(recovered: RecoveredBag, bag: Path, *, is_needed: bool) -> list[str]:
@@ -78,6 +78,10 @@ def _lines(recovered: RecoveredBag, bag: Path, *, is_needed: bool) -> list[str]:
                 f"    ✗ {file.num_without_channel:,} messages left out: their topic is lost"
             )
         lines += [f"    {'✗' if each.is_loss else '-'} {_describe(each)}" for each in file.damages]
+    for name in recovered.missing:
+        lines.append(
+            f"  {'-' if recovered.is_renamed else '✗'} {name}: is not there, but in metadata.yaml"
+        )
     lines.append(f"  written to {recovered.folder}")
     return lines
 
@@ -103,6 +107,7 @@ def _report(recovered: RecoveredBag, bag: Path, *, is_needed: bool) -> dict[str,
         "recovered_into": str(recovered.folder) if is_needed else None,
         "messages": recovered.messages,
         "had_metadata": recovered.had_metadata,
+        "missing_files": list(recovered.missing),
         "files": [
             {
                 "file": each.path.name,

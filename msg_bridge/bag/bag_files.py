@@ -58,7 +58,8 @@ def find_bag_files(path: Path) -> list[Path]:
     missing = [file.name for file in files if not file.is_file()]
     if missing or not files:
         raise BagReadError(
-            f"{path} lacks {', '.join(missing) or 'any file'}, which its metadata.yaml names"
+            f"{path} lacks {', '.join(missing) or 'any file'}, which its metadata.yaml names;"
+            " give one file, or make a bag of the files that exist by `earthmoving recover`"
         )
     return files
 

@@ -59,11 +59,15 @@ class RecoveredBag:
         files: its files.
         folder: folder of the new bag.
         had_metadata: whether the bag had a readable metadata.yaml.
+        missing: names of the files that metadata.yaml names and that are not there.
+        is_renamed: whether there are as many other files in place of the missing ones.
     """
 
     files: list[RecoveredFile]
     folder: Path
     had_metadata: bool
+    missing: tuple[str, ...] = ()
+    is_renamed: bool = False
 
     @property
     def messages(self) -> int:
@@ -73,8 +77,20 @@ class RecoveredBag:
     @property
     def is_intact(self) -> bool:
         """Whether the bag was complete and undamaged."""
-        return self.had_metadata and not any(
-            each.damages or each.num_without_channel or not each.is_complete for each in self.files
+        return (
+            self.had_metadata
+            and not self.missing
+            and not any(
+                each.damages or each.num_without_channel or not each.is_complete
+                for each in self.files
+            )
+        )
+
+    @property
+    def has_losses(self) -> bool:
+        """Whether anything is lost but an end that was not written."""
+        return bool(self.missing and not self.is_renamed) or any(
+            each.has_losses for each in self.files
         )
 
 
@@ -98,7 +114,7 @@ def recover_bag(
         BagError: the new bag cannot be written.
     """
     sources = _files_of(path)
-    custom = _custom_data(path)
+    custom, named = _read_metadata(path)
     _create(folder)
     topics: dict[str, TopicMetadata] = {}
     recovered, written = [], []
@@ -128,7 +144,9 @@ def recover_bag(
         )
     if progress is not None:
         progress(1.0)
-    bag = RecoveredBag(recovered, folder, custom is not None)
+    missing = () if path.is_file() else tuple(sorted(named - {each.name for each in sources}))
+    num_others = sum(each.name not in named for each in sources)
+    bag = RecoveredBag(recovered, folder, custom is not None, missing, len(missing) <= num_others)
     if not bag.messages:
         for each in written:
             (folder / each.name).unlink()
@@ -262,15 +280,20 @@ def _files_of(path: Path) -> list[Path]:
     return files
 
 
-def _custom_data(path: Path) -> Mapping[str, str] | None:
-    """Return the custom data of the bag's metadata.yaml; None if there is no readable one."""
+def _read_metadata(path: Path) -> tuple[Mapping[str, str] | None, set[str]]:
+    """Return custom data and names of the files of the bag's metadata.yaml.
+
+    The first is None, and there are no names, if there is no readable one.
+    """
     folder = path if path.is_dir() else path.parent
     try:
         content: Any = load_yaml((folder / "metadata.yaml").read_text(encoding="utf-8"))
-        custom = content["rosbag2_bagfile_information"].get("custom_data") or {}
-        return {str(name): str(value) for name, value in custom.items()}
+        information = content["rosbag2_bagfile_information"]
+        custom = information.get("custom_data") or {}
+        names = {str(name) for name in information.get("relative_file_paths") or ()}
+        return {str(name): str(value) for name, value in custom.items()}, names
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, AttributeError):
-        return None
+        return None, set()
 
 
 def _create(folder: Path) -> None:
@@ -297,4 +320,5 @@ def _summary(bag: RecoveredBag) -> str:
             }
             for each in bag.files
         }
+        | {name: {"missing": True} for name in bag.missing}
     )

@@ -184,6 +184,23 @@ def test_attachments_files_qos_and_custom_data_are_kept(tmp_path: Path) -> None:
     assert json.loads(custom["recovered"])["dig_3.mcap"]["had_end"] is False
 
 
+@pytest.mark.parametrize("is_renamed", [True, False])
+def test_bag_without_a_file_that_metadata_names_is_written_again(
+    tmp_path: Path, is_renamed: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = write_bag(tmp_path / "dig", num_files=2)
+    if is_renamed:
+        file.rename(file.with_name("dig.mcap"))
+    else:
+        file.unlink()
+    with pytest.raises(BagReadError, match="earthmoving recover"):
+        BagReader(tmp_path / "dig")
+    assert main(["recover", str(tmp_path / "dig"), "--json"]) == (0 if is_renamed else 1)
+    assert json.loads(capsys.readouterr().out)["missing_files"] == [file.name]
+    found = sorted(numbers_in(tmp_path / "dig-recovered"))
+    assert found == list(range(0 if is_renamed else NUMBER // 2, NUMBER))
+
+
 def test_command_reports_what_was_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = write_bag(tmp_path / "dig")
     assert main(["recover", str(tmp_path / "dig")]) == 0
