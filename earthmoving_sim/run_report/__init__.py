@@ -3,6 +3,7 @@
 Modules in the order of use:
 
 - `trace`: a value over time in bounded memory
+- `way`: the way of a body in bounded memory
 - `problems`: problems that nodes reported, by condition
 - `run_data`: what is kept of a run
 - `soil_handlers`, `machine_handlers`: what is kept of the messages of each topic

@@ -63,14 +63,13 @@ def draw_machine_charts(
     draw("tracks", "tracks", "Speeds with the commands in force (dashed).", _track_panels(data))
     draw("base", "base", "Pitch and roll of the base.", _tilt_panels(data))
     if summary.distance > _MIN_WAY:
-        x, y = (trace.values for trace in data.path)
-        count = min(x.size, y.size)
+        x, y = data.way.positions.T
         charts["way"] = draw_path(
             folder / f"{prefix}_way.png",
             f"{name}: way",
             f"{summary.distance:.1f} m",
-            x[:count],
-            y[:count],
+            x,
+            y,
         )
     if data.latency.samples:
         charts["latency"] = draw_histogram(

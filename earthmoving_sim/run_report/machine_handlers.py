@@ -134,8 +134,7 @@ class MachineHandlers(TopicHandlers):
         def handle(message: Any, log_time: int) -> None:
             time, data = self._reading.time(message.header.stamp, log_time), self._machine(machine)
             pose = message.pose.pose
-            data.path[0].add(time, pose.position.x)
-            data.path[1].add(time, pose.position.y)
+            data.way.add(pose.position.x, pose.position.y)
             q = pose.orientation
             _, pitch, roll = yaw_pitch_roll(rotation_matrix((q.x, q.y, q.z, q.w)))
             data.tilt["pitch"].add(time, pitch)

@@ -12,6 +12,7 @@ from earthmoving_sim.run_report.latency import CommandLatency
 from earthmoving_sim.run_report.problems import Problems
 from earthmoving_sim.run_report.terrain_history import TerrainHistory
 from earthmoving_sim.run_report.trace import Trace
+from earthmoving_sim.run_report.way import Way
 from msg_bridge.codec.labelled_array import array_label
 from msg_bridge.yaml_text import load_yaml
 
@@ -55,7 +56,7 @@ class MachineData:
         commands: applied velocities by joint or track.
         cylinders, tracks: labelled values by label.
         forces: magnitude of the force of the soil on each tool [N].
-        path: x and y of the base over time [m].
+        way: way of the base.
         tilt: pitch and roll [rad] by name.
         phases: changes of the operator's phase.
         reports: completed cycles or loads of the operator.
@@ -72,7 +73,7 @@ class MachineData:
     cylinders: defaultdict[str, Trace] = field(default_factory=_traces)
     tracks: defaultdict[str, Trace] = field(default_factory=_traces)
     forces: defaultdict[str, Trace] = field(default_factory=_traces)
-    path: tuple[Trace, Trace] = field(default_factory=lambda: (Trace(), Trace()))
+    way: Way = field(default_factory=Way)
     tilt: defaultdict[str, Trace] = field(default_factory=_traces)
     phases: list[PhaseChange] = field(default_factory=list)
     reports: list[dict[str, Any]] = field(default_factory=list)

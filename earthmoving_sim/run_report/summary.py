@@ -158,7 +158,7 @@ def _has_content(machine: MachineData) -> bool:
         len(machine.payload)
         or machine.positions
         or machine.velocities
-        or len(machine.path[0])
+        or len(machine.way)
         or machine.commands
     )
 
@@ -178,10 +178,7 @@ def _machine(data: MachineData) -> MachineSummary:
         )
         summary.summary = _all_cycles([(each.volume, each.duration) for each in summary.cycles])
     summary.phase_times = _phase_times(data)
-    if len(data.path[0]) > 1:
-        x, y = (trace.values for trace in data.path)
-        count = min(x.size, y.size)
-        summary.distance = float(np.hypot(np.diff(x[:count]), np.diff(y[:count])).sum())
+    summary.distance = data.way.length
     summary.latency = _latency(data)
     summary.max_forces = {name: float(trace.values.max()) for name, trace in data.forces.items()}
     return summary

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from earthmoving_sim.run_report.latency import CommandLatency
 from earthmoving_sim.run_report.terrain_history import TerrainHistory
 from earthmoving_sim.run_report.trace import Trace
+from earthmoving_sim.run_report.way import Way
 from earthmoving_sim.run_report.work_cycles import find_work_cycles
 from msg_bridge.codec.terrain import TerrainMap
 from msg_bridge.contract.grid import Grid
@@ -97,6 +98,30 @@ def test_long_trace_keeps_its_extremes_in_bounded_memory() -> None:
     assert trace.times[np.argmax(trace.values)] == pytest.approx(777.77)
     assert (np.diff(trace.times) >= 0.0).all()
     assert trace.times[-1] > 999.0
+
+
+def test_long_way_has_its_length_and_its_corners_in_bounded_memory() -> None:
+    way = Way(capacity=1000)
+    side = np.linspace(0.0, 50.0, 2501)
+    corner, stop = np.full_like(side, 50.0), np.zeros_like(side)
+    for _ in range(20):  # rounds of a truck that waits at two corners of a square
+        for x, y in (
+            (side, stop),
+            (corner, stop),
+            (corner, side),
+            (side[::-1], corner),
+            (stop, corner),
+            (stop, side[::-1]),
+        ):
+            for position in zip(x.tolist(), y.tolist(), strict=True):
+                way.add(*position)
+    way.add(np.nan, 0.0)
+    assert way.length == pytest.approx(20 * 200.0)
+    positions = way.positions
+    assert 500 < len(positions) <= 1001
+    on_edge = np.isclose(positions, 0.0) | np.isclose(positions, 50.0)
+    assert on_edge.any(axis=1).all(), "x and y of the same time"
+    assert positions[-1] == pytest.approx([0.0, 0.0])
 
 
 def test_terrain_is_that_of_the_newest_state_of_each_column() -> None:
