@@ -18,6 +18,8 @@ __all__ = ["read_runs"]
 
 _NANO = 1e-9
 _PROGRESS_INTERVAL = 2000  # messages
+_MAX_DIFFERENCE = 10.0
+"""Difference from the time of the ledger above which a stamp is that of another clock [s]."""
 _SIM_CONFIG = f"/{topics.SIM_CONFIG}"
 
 
@@ -63,6 +65,7 @@ class _Reading:
         self.run = RunData()
         self.run_ids: list[int] = []
         self.is_simulation = f"/{topics.SOIL_TICK}" in reader.topics
+        self._has_ledger = f"/{topics.SOIL_LEDGER}" in reader.topics
         self._reader, self._wanted_id = reader, run_id
         self._present_id: int | None = None
         self._soil, self._machines = SoilHandlers(self), MachineHandlers(self)
@@ -109,9 +112,12 @@ class _Reading:
         return (log_time - (self.run.first_log or log_time)) * _NANO
 
     def time(self, stamp: Any, log_time: int) -> float:
-        """Return the simulation time of a message [s]; without a simulation, its log time."""
+        """Return the simulation time of a message [s]; see `ReadingState`."""
         if not self.is_simulation:
             return self.seconds(log_time)
-        time = float(stamp.sec) + _NANO * float(stamp.nanosec)
-        self.run.note_time(time)
+        time, present = float(stamp.sec) + _NANO * float(stamp.nanosec), self.run.present_time
+        if present is not None and abs(time - present) > _MAX_DIFFERENCE:
+            return present
+        if not self._has_ledger:
+            self.run.note_time(time)
         return time

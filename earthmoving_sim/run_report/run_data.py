@@ -114,6 +114,7 @@ class RunData:
         configs: configuration of each node, by the namespace of its topic.
         first_log, last_log: log times of its first and last message [ns].
         first_time, last_time: simulation times [s].
+        present_time: simulation time of the last ledger [s]; None before the first one.
         terrain: the terrain at begin and end.
         accounts: volume of each account of the ledger [m^3].
         imbalance: imbalance of the ledger [mm^3].
@@ -136,6 +137,7 @@ class RunData:
     last_log: int = 0
     first_time: float | None = None
     last_time: float = 0.0
+    present_time: float | None = None
     terrain: TerrainHistory = field(default_factory=TerrainHistory)
     accounts: defaultdict[str, Trace] = field(default_factory=_traces)
     imbalance: Trace = field(default_factory=Trace)
@@ -191,6 +193,8 @@ class ReadingState(Protocol):
 
     def time(self, stamp: Any, log_time: int) -> float:
         """Return the simulation time of a message [s]; without a simulation, `seconds`.
+
+        That of a message with a stamp of another clock is that of the ledger before it.
 
         Args:
             stamp: its stamp, a builtin_interfaces/Time.

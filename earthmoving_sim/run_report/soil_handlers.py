@@ -89,6 +89,7 @@ class SoilHandlers(TopicHandlers):
             return
         time = values["stamp_sec"] + _NANO * values["stamp_nanosec"]
         self._reading.run.note_time(time)
+        self._reading.run.present_time = time
         self._reading.run.clock.add(self._reading.seconds(log_time), time)
         for name in _ACCOUNTS:
             self._reading.run.accounts[name].add(time, values.get(name, 0.0) * _MM3)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from std_msgs.msg import Float64MultiArray, Int64MultiArray, String
@@ -18,12 +19,15 @@ from support.recorded_messages import Recording
 
 from earthmoving_sim.cli import main
 from earthmoving_sim.run_report import write_report
+from earthmoving_sim.run_report.reading import read_runs
 from earthmoving_sim.run_report.report import signed_volume
 from earthmoving_sim.run_report.summary import MachineSummary
 from msg_bridge.audit.bag_audit import audit_bag
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.machine_state import PayloadState, to_payload_array
 from msg_bridge.codec.row_chunks import to_chunk_cloud
+from msg_bridge.codec.tick_headers import to_multi_array
+from msg_bridge.contract.ledger import Ledger
 from msg_bridge.contract.messages import RowChunk, Stream
 from msg_bridge.contract.rows import CONVERSION, empty_rows
 
@@ -163,6 +167,23 @@ def test_conversions_that_were_sent_again_count_once(tmp_path: Path) -> None:
         recording.add("/soil/conversions", to_chunk_cloud(chunk, "map", Time(sec=1)))
     written = write_report(BagReader(recording.write(tmp_path / "bag.mcap")), tmp_path / "report")
     assert written.summary.excavated == {1: pytest.approx(3.0)}
+
+
+def test_stamps_of_another_clock_are_not_simulation_times(tmp_path: Path) -> None:
+    recording = Recording()
+    recording.add("/soil/tick", Int64MultiArray())
+    for number in range(60):
+        ledger = Ledger(7, 100 * number, 0, 0, 0, 0, 0, 0, 0, stamp_sec=number)
+        recording.add("/soil/ledger", to_multi_array(ledger))
+        for topic, sec in (("/m/bucket/wrench", number), ("/sensor/wrench", 1_795_861_013)):
+            wrench = WrenchStamped()
+            wrench.header.stamp, wrench.wrench.force.x = Time(sec=sec), 5.0
+            recording.add(topic, wrench)
+    reader = BagReader(recording.write(tmp_path / "bag.mcap"))
+    assert write_report(reader, tmp_path / "report").summary.simulated_time == 59.0
+    run, _ = read_runs(reader)
+    for machine, tool in (("/m", "bucket"), ("", "sensor")):
+        assert run.machines[machine].forces[tool].times == pytest.approx(np.arange(60.0))
 
 
 def test_reports_of_a_problem_with_other_numbers_are_one_row(tmp_path: Path) -> None:
