@@ -12,6 +12,9 @@ from earthmoving_sim.run_report.work_cycles import WorkCycle, find_work_cycles
 
 __all__ = ["CycleSummary", "LatencySummary", "MachineSummary", "RunSummary", "summarise"]
 
+_MM3 = 1e-9
+"""Cubic metres in a cubic millimetre."""
+
 _PHASE_GROUPS = {
     "dig": "dig",
     "curl": "dig",
@@ -132,8 +135,8 @@ def summarise(run: RunData) -> RunSummary:
     summary = RunSummary(run.run_id, run.simulated_time, run.wall_time)
     if run.terrain.grid is not None:
         change = run.terrain.volume_change
-        summary.cut = float(-change[change < 0].sum())
-        summary.fill = float(change[change > 0].sum())
+        summary.cut = int(-change[change < 0].sum()) * _MM3
+        summary.fill = int(change[change > 0].sum()) * _MM3
     for totals, into in (
         (run.excavated, summary.excavated),
         (run.deposited, summary.deposited),

@@ -19,7 +19,7 @@ class TerrainHistory:
         grid: the grid; None without a map.
         before, after: heights of the columns [m], shape (rows, cols).
         loose_depth: depth of loose soil at the end [m], shape (rows, cols).
-        volume_change: bank volume at the end minus that at the begin [m^3], shape (rows, cols).
+        volume_change: bank volume at the end minus that at the begin [mm^3], shape (rows, cols).
     """
 
     def __init__(self) -> None:
@@ -31,9 +31,9 @@ class TerrainHistory:
         self._revision: NDArray[np.int64] = self._start_volume
 
     @property
-    def volume_change(self) -> NDArray[np.float64]:
-        """Bank volume at the end minus that at the begin [m^3], shape (rows, cols)."""
-        return np.asarray((self._volume - self._start_volume) * 1e-9, dtype=np.float64)
+    def volume_change(self) -> NDArray[np.int64]:
+        """Bank volume at the end minus that at the begin [mm^3], shape (rows, cols)."""
+        return self._volume - self._start_volume
 
     def add_map(self, terrain: TerrainMap) -> None:
         """Add a map; one of another grid than the first is ignored."""

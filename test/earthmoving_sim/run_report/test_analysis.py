@@ -7,6 +7,8 @@ import pytest
 from numpy.typing import NDArray
 
 from earthmoving_sim.run_report.latency import CommandLatency
+from earthmoving_sim.run_report.run_data import RunData
+from earthmoving_sim.run_report.summary import summarise
 from earthmoving_sim.run_report.terrain_history import TerrainHistory
 from earthmoving_sim.run_report.trace import Trace
 from earthmoving_sim.run_report.way import Way
@@ -141,7 +143,20 @@ def test_terrain_is_that_of_the_newest_state_of_each_column() -> None:
     history.add_map(terrain(5, 2.0))
     history.add_updates(rows)
     history.add_map(terrain(6, 1.0))  # older than the row, newer than the map
-    expected = np.full(grid.shape, -1.0)
-    expected[0, 1] = 1.0
+    expected = np.full(grid.shape, -(10**9))
+    expected[0, 1] = 10**9
     assert np.array_equal(history.volume_change, expected)
     assert history.after[0, 1] == 3.0
+
+
+def test_soil_that_was_only_moved_is_cut_and_filled_to_the_mm3() -> None:
+    grid = Grid(rows=20, cols=20, cell=1.0)
+    layer, zeros = np.zeros(grid.shape, np.uint8), np.zeros(grid.shape)
+    moved = np.random.default_rng(7).integers(0, 10**8, (10, 20))
+    change = np.concatenate((-moved, np.sort(moved, axis=None).reshape(moved.shape)))
+    run = RunData()
+    for revision, volume in enumerate((np.full(grid.shape, 10**10), 10**10 + change)):
+        frame = Keyframe(1, revision, grid, zeros, volume, layer, layer)
+        run.terrain.add_map(TerrainMap(frame, zeros))
+    summary = summarise(run)
+    assert summary.cut == summary.fill == pytest.approx(1e-9 * moved.sum())
