@@ -69,7 +69,7 @@ class MachineSummary:
         summary: all these cycles together; None without any.
         reported: the cycles that its operator reported.
         reported_summary: all reported cycles together; None without any.
-        phase_times: mean time of each part of a cycle by the phases of the operator [s].
+        phase_times: mean time of each part of a reported cycle by the operator's phases [s].
         max_payload: [m^3 bank].
         distance: way of the base [m].
         latency: of its commands; None without any.
@@ -214,13 +214,19 @@ def _all_cycles(cycles: list[tuple[float, float]]) -> CycleSummary | None:
 
 
 def _phase_times(data: MachineData) -> dict[str, float]:
-    """Return the mean time of each part of a cycle by the phases of the operator [s]."""
-    if len(data.phases) < 2 or not data.reports:
+    """Return the mean time of each part of a reported cycle by the operator's phases [s].
+
+    Phases of a cycle that was not completed do not count.
+    """
+    reported = [each.get("number") for each in data.reports]
+    numbers = [number for number in {each.cycle for each in data.phases} if number in reported]
+    if not numbers:
         return {}
     sums = dict.fromkeys(("return", "dig", "lift", "swing", "dump"), 0.0)
     for phase, following in zip(data.phases, data.phases[1:], strict=False):
-        sums[_PHASE_GROUPS.get(phase.phase, "return")] += following.time - phase.time
-    return {name: total / len(data.reports) for name, total in sums.items()}
+        if phase.cycle in numbers:
+            sums[_PHASE_GROUPS.get(phase.phase, "return")] += following.time - phase.time
+    return {name: total / len(numbers) for name, total in sums.items()}
 
 
 def _latency(data: MachineData) -> LatencySummary | None:
