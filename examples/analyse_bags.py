@@ -2,9 +2,9 @@
 
     python examples/analyse_bags.py bags/format_1 bags/format_2
 
-Exports the bags as Parquet tables, into the folder `--tables` or a temporary one, and queries all
-of them at once; tables of the same bags that are there already are replaced. `pip install duckdb`
-installs what this needs beside the package.
+Exports the topics that it needs as Parquet tables, into the folder `--tables` or a temporary one,
+and queries those of all bags at once; tables of the same bags that are there already are replaced.
+`pip install duckdb` installs what this needs beside the package.
 """
 
 import argparse
@@ -12,34 +12,39 @@ import sys
 import tempfile
 from pathlib import Path
 
+TOPICS = ("/soil/conversions", "/operator/cycles", "/joint_states")
 VOLUMES = """
     SELECT bag,
            sum(volume_mm3) FILTER (kind = 0) / 1e9 AS "excavated [m3]",
            sum(volume_mm3) FILTER (kind = 1) / 1e9 AS "deposited [m3]",
-           sum(volume_mm3) FILTER (kind = 2) / 1e9 AS "outside [m3]"
-    FROM read_parquet('{tables}/*/soil/conversions.parquet', hive_partitioning = true)
+           coalesce(sum(volume_mm3) FILTER (kind = 2), 0) / 1e9 AS "outside [m3]"
+    FROM read_parquet('{tables}/*/**/soil/conversions.parquet', hive_partitioning = true)
     GROUP BY bag ORDER BY bag
 """
+# Machines have one namespace or several; the operators of excavators and trucks report other keys.
 CYCLES = """
-    SELECT bag,
+    SELECT bag, regexp_extract(filename, 'bag=[^/]*/(.*)/operator/', 1) AS machine,
            count(*) AS cycles,
            median(duration) AS "cycle time [s]",
            sum(moved_volume) AS "moved [m3]",
            3600 * sum(moved_volume) / sum(duration) AS "moved in the cycles [m3/h]"
-    FROM read_parquet('{tables}/*/*/operator/cycles.parquet', hive_partitioning = true)
-    GROUP BY bag ORDER BY bag
+    FROM read_parquet('{tables}/*/**/operator/cycles.parquet', hive_partitioning = true,
+                      filename = true, union_by_name = true)
+    GROUP BY bag, machine ORDER BY bag, machine
 """
 # Power of a joint is torque times angular velocity; a sum over time steps is its work.
 WORK = """
     WITH steps AS (
-        SELECT bag, joint, effort * velocity AS power,
-               epoch_ns(stamp) - lag(epoch_ns(stamp)) OVER (PARTITION BY bag, joint ORDER BY stamp)
-                   AS step
-        FROM read_parquet('{tables}/*/*/joint_states.parquet', hive_partitioning = true)
+        SELECT bag, regexp_extract(filename, 'bag=[^/]*/(.*)/joint_states', 1) AS machine,
+               joint, effort * velocity AS power,
+               epoch_ns(stamp) - lag(epoch_ns(stamp))
+                   OVER (PARTITION BY bag, filename, joint ORDER BY stamp) AS step
+        FROM read_parquet('{tables}/*/**/joint_states.parquet', hive_partitioning = true,
+                          filename = true)
         WHERE joint IN ('swing', 'boom', 'arm', 'bucket')
     )
-    SELECT bag, joint, sum(greatest(power, 0) * step) / 1e12 AS "work [kJ]"
-    FROM steps GROUP BY bag, joint ORDER BY bag, joint
+    SELECT bag, machine, joint, sum(greatest(power, 0) * step) / 1e12 AS "work [kJ]"
+    FROM steps GROUP BY bag, machine, joint ORDER BY bag, machine, joint
 """
 
 
@@ -52,7 +57,10 @@ def analyse(bags: list[Path], tables: Path) -> None:
     from msg_bridge.bag.reader import BagReader
 
     for bag in bags:
-        export_bag(BagReader(bag), tables / f"bag={bag_name(bag)}", overwrite=True)
+        folder = tables / f"bag={bag_name(bag)}"
+        export_bag(
+            BagReader(bag), folder, is_selected=lambda name: name.endswith(TOPICS), overwrite=True
+        )
     for query in (VOLUMES, CYCLES, WORK):
         print(duckdb.sql(query.format(tables=tables)))
 

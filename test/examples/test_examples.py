@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib.util
 import itertools
+import json
 import os
 import pty
 import re
@@ -17,15 +18,19 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from builtin_interfaces.msg import Time
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 from support.recorded_messages import Recording
 
 from machine_sim.node.machine_node import MachineNode
 from msg_bridge.codec.machine_state import PayloadState, to_payload_array
+from msg_bridge.codec.row_chunks import to_chunk_cloud
 from msg_bridge.codec.tick_headers import to_multi_array
 from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.messages import RowChunk, Stream
+from msg_bridge.contract.rows import CONVERSION, empty_rows
 from msg_bridge.testing.fixtures import StartProcess
 from msg_bridge.testing.ros_context import Ros
 from soil_sim.node.soil_node import SoilNode
@@ -251,3 +256,26 @@ def test_analyse_bags_prints_volumes_and_cycles_of_each_bag() -> None:
     assert output.count("6.516242042") == 2  # m3, as the audit has them
     assert output.count("34.45") == 2  # m3/h
     assert output.count("boom") == 2
+
+
+def test_analyse_bags_separates_the_machines_of_a_node_with_several(tmp_path: Path) -> None:
+    recording = Recording()
+    rows = empty_rows(CONVERSION, 1)
+    rows["seq"], rows["volume_mm3"] = 1, 10**9
+    chunk = RowChunk(7, Stream.CONVERSION, 0, 0, rows)
+    recording.add("/soil/conversions", to_chunk_cloud(chunk, "map", Time()))
+    for machine, report in (
+        ("digger", {"planned_volume": 1.5, "moved_volume": 0.7, "duration": 17.0}),
+        ("truck", {"moved_volume": 2.8, "duration": 153.0, "loading_time": 82.0}),
+    ):
+        recording.add(f"/site/{machine}/operator/cycles", String(data=json.dumps(report)))
+        for sec in (1, 2):
+            state = JointState(name=["boom"], position=[0.0], velocity=[0.5], effort=[1000.0])
+            state.header.stamp = Time(sec=sec)
+            recording.add(f"/site/{machine}/joint_states", state)
+    output = run("analyse_bags", recording.write(tmp_path / "bag.mcap")).stdout
+    cells = [[cell.strip() for cell in line.split("│")[1:-1]] for line in output.splitlines()]
+    assert ["bag", "site/digger", "1", "17.0", "0.7"] in [each[:5] for each in cells]
+    assert ["bag", "site/truck", "1", "153.0", "2.8"] in [each[:5] for each in cells]
+    for machine in ("digger", "truck"):
+        assert ["bag", f"site/{machine}", "boom", "0.5"] in cells
