@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections import defaultdict
 from typing import Any
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from earthmoving_sim.bag_export.columns import LOG_TIME, arrow_field, with_free_names
 from earthmoving_sim.bag_export.units import unit_of
+from earthmoving_sim.received_numbers import ReceivedNumbers
 
 __all__ = ["CloudTable"]
 
@@ -45,7 +45,7 @@ class CloudTable:
         names = self._dtype.names or ()
         self._is_organised = first.height > 1 and not {"row", "col"} & set(names)
         self._is_numbered = {"seq", "run_id"} <= set(names)
-        self._received: dict[tuple[int, ...], _Intervals] = defaultdict(_Intervals)
+        self._received: dict[tuple[int, ...], ReceivedNumbers] = defaultdict(ReceivedNumbers)
         fields = [LOG_TIME, arrow_field("stamp", pa.timestamp("ns"))]
         if self._is_organised:
             fields += [arrow_field("row", pa.uint32()), arrow_field("col", pa.uint32())]
@@ -118,43 +118,6 @@ class CloudTable:
             names = ["run_id"]
         received = self._received[tuple(int(first[name]) for name in names)]
         return received.add(points["seq"].astype(np.int64))
-
-
-class _Intervals:
-    """Numbers that were received, as disjoint intervals in ascending order."""
-
-    def __init__(self) -> None:
-        self._starts: list[int] = []
-        self._ends: list[int] = []  # exclusive
-
-    def add(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Add ascending numbers; return which of them are new."""
-        first, last = int(numbers[0]), int(numbers[-1])
-        is_run = last - first == numbers.size - 1 and bool((np.diff(numbers) == 1).all())
-        if is_run and (not self._ends or first >= self._ends[-1]):
-            self._insert(first, last + 1)
-            return np.ones(numbers.size, dtype=bool)
-        return np.array([self._add_one(number) for number in numbers.tolist()])
-
-    def _add_one(self, number: int) -> bool:
-        place = bisect_right(self._starts, number) - 1
-        if place >= 0 and number < self._ends[place]:
-            return False
-        self._insert(number, number + 1)
-        return True
-
-    def _insert(self, start: int, end: int) -> None:
-        """Insert an interval that overlaps no other, and merge it with its neighbours."""
-        place = bisect_right(self._starts, start)
-        if place and self._ends[place - 1] == start:
-            place -= 1
-            self._ends[place] = end
-        else:
-            self._starts.insert(place, start)
-            self._ends.insert(place, end)
-        if place + 1 < len(self._starts) and self._starts[place + 1] == end:
-            self._ends[place] = self._ends.pop(place + 1)
-            del self._starts[place + 1]
 
 
 def _point_field(name: str, dtype: np.dtype[Any]) -> pa.Field:

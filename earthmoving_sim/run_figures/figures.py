@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from earthmoving_sim.received_numbers import ReceivedNumbers
 from earthmoving_sim.run_figures.payload_cycles import PayloadCycle, find_cycles
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.errors import CodecError
@@ -126,7 +127,7 @@ class _Volumes:
     def __init__(self, run_id: int) -> None:
         self._run_id = run_id
         self._sums: dict[int, int] = defaultdict(int)  # by kind [mm^3]
-        self._next_row = 1  # of the conversions that are not counted yet
+        self._received = ReceivedNumbers()  # of the conversions
         self._start: Any = None  # volume of each column [mm^3], shape (rows, cols)
         self._end: Any = None
         self._revisions: Any = None
@@ -145,9 +146,7 @@ class _Volumes:
             return
         rows = chunk.rows
         if chunk.stream is Stream.CONVERSION:
-            rows = rows[rows["seq"].astype(np.int64) >= self._next_row]
-            if rows.size:
-                self._next_row = int(rows["seq"][-1]) + 1
+            rows = rows[self._received.add(rows["seq"].astype(np.int64))]
             for kind in np.unique(rows["kind"]) if is_counted else ():
                 volumes = rows["volume_mm3"][rows["kind"] == kind]
                 self._sums[int(kind)] += int(volumes.sum(dtype=np.int64))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
+from earthmoving_sim.received_numbers import ReceivedNumbers
 from earthmoving_sim.run_report.latency import CommandLatency
 from earthmoving_sim.run_report.problems import Problems
 from earthmoving_sim.run_report.terrain_history import TerrainHistory
@@ -85,10 +86,10 @@ class MovedVolumes:
     """Sums of conversion rows.
 
     Attributes:
-        last_row: number of the last row.
+        received: numbers of the rows.
     """
 
-    last_row: int = 0
+    received: ReceivedNumbers = field(default_factory=ReceivedNumbers)
     _sums: dict[tuple[int, int], int] = field(default_factory=dict)  # mm^3
 
     def add(self, totals: defaultdict[int, Trace], machine_id: int, time: float, mm3: int) -> None:

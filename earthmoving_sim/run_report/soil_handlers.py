@@ -67,10 +67,10 @@ class SoilHandlers(TopicHandlers):
         chunk = from_chunk_cloud(message, Stream.CONVERSION)
         if self._reading.run.run_id not in (None, chunk.run_id):
             return
-        rows = chunk.rows[chunk.rows["seq"].astype(np.int64) > self._reading.run.volumes.last_row]
+        received = self._reading.run.volumes.received
+        rows = chunk.rows[received.add(chunk.rows["seq"].astype(np.int64))]
         if not rows.size:
             return  # sent again
-        self._reading.run.volumes.last_row = int(rows["seq"][-1])
         time = self._reading.time(message.header.stamp, log_time)
         for kind, totals in (
             (ConversionKind.EXCAVATE, self._reading.run.excavated),

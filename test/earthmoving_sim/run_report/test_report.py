@@ -18,6 +18,7 @@ from std_msgs.msg import Float64MultiArray, Int64MultiArray, String
 from support.recorded_messages import Recording
 
 from earthmoving_sim.cli import main
+from earthmoving_sim.run_figures.figures import read_figures
 from earthmoving_sim.run_report import write_report
 from earthmoving_sim.run_report.reading import read_runs
 from earthmoving_sim.run_report.report import signed_volume
@@ -173,15 +174,23 @@ def test_small_difference_of_fill_and_cut_can_be_read(change: float, text: str) 
     assert signed_volume(change) == text
 
 
-def test_conversions_that_were_sent_again_count_once(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "parts",
+    [([1, 2], [2, 3], [1, 2, 3]), ([1], [3], [2], [2, 3])],
+    ids=["again", "after later ones"],
+)
+def test_conversions_that_were_sent_again_count_once(
+    tmp_path: Path, parts: tuple[list[int], ...]
+) -> None:
     recording = Recording()
-    for numbers in ([1, 2], [2, 3], [1, 2, 3]):
+    for numbers in parts:
         rows = empty_rows(CONVERSION, len(numbers))
         rows["seq"], rows["volume_mm3"], rows["machine_id"] = numbers, 10**9, 1
         chunk = RowChunk(7, Stream.CONVERSION, 0, 0, rows)
         recording.add("/soil/conversions", to_chunk_cloud(chunk, "map", Time(sec=1)))
-    written = write_report(BagReader(recording.write(tmp_path / "bag.mcap")), tmp_path / "report")
-    assert written.summary.excavated == {1: pytest.approx(3.0)}
+    reader = BagReader(recording.write(tmp_path / "bag.mcap"))
+    assert write_report(reader, tmp_path / "report").summary.excavated == {1: pytest.approx(3.0)}
+    assert read_figures(reader, 7, 0.0, 1.0).excavated == pytest.approx(3.0)
 
 
 def test_stamps_of_another_clock_are_not_simulation_times(tmp_path: Path) -> None:
