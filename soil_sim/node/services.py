@@ -124,6 +124,12 @@ class SoilServices:
             ids = ", ".join(map(str, released))
             effects.append(f"soil left behind by machines {ids} becomes terrain in the next tick")
         response.success = bool(effects)
+        awaited = ", ".join(map(str, run.endpoint.exchange.late))
+        if awaited and not (run.paused or run.realtime):
+            effects.append(
+                f"the next tick waits for machines {awaited}, silent for less than machine_timeout"
+                f" ({run.params.machine_timeout:g} s): call again when it is over"
+            )
         response.message = "; ".join(effects) or "no machine has left soil behind"
         self._node.advance()
         return response

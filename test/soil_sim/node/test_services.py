@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rclpy.parameter import Parameter
 from rclpy.task import Future
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
@@ -214,6 +215,27 @@ def test_release_is_rejected_without_absent_soil(ros: Ros) -> None:
     response = Scene(ros, **NO_MACHINES).trigger("/soil/release")
     assert not response.success
     assert "no machine" in response.message
+
+
+def test_release_states_that_a_machine_is_not_silent_for_long_enough(ros: Ros) -> None:
+    scene = Scene(ros, machine_timeout=100.0)
+    machine = scene.machine()
+    scene.until_tick(3)
+    ros.remove(machine)
+    ros.spin_until(lambda: scene.soil.run.endpoint.exchange.late, what="a tick without it")
+    response = scene.trigger("/soil/release")
+    assert not response.success
+    assert "waits for machines 1, silent for less than machine_timeout (100 s)" in response.message
+    scene.soil.set_parameters([Parameter("machine_timeout", value=0.1)])
+    responses = []
+
+    def is_released() -> bool:
+        responses.append(scene.trigger("/soil/release"))
+        return bool(responses[-1].success)
+
+    ros.spin_until(is_released)
+    assert responses[-1].message.startswith("the run continues without machines 1")
+    assert "silent" not in responses[-1].message
 
 
 def test_release_turns_absent_soil_into_terrain(ros: Ros, tmp_path: Path) -> None:
