@@ -149,7 +149,7 @@ class Joystick:
         Returns:
             Index and parameter of each axis.
         """
-        if now - self._last_arrival > _LOST_TIME:
+        if self._last_arrival == -math.inf or now - self._last_arrival > _LOST_TIME:
             return []
         return [
             f"axis {self._axes[name]} (joy_{name})"

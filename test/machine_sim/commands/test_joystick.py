@@ -146,6 +146,10 @@ def test_axis_deflected_in_the_first_message_counts_once_it_was_at_rest(new_arbi
     assert arbiter.ignored_joystick_axes == [], "the device is silent"
 
 
+def test_no_axis_is_reported_without_a_device_before_the_first_tick(new_arbiter):
+    assert new_arbiter().ignored_joystick_axes == []
+
+
 def test_lever_that_begins_to_move_in_the_first_message_counts(new_arbiter):
     arbiter = new_arbiter()
     send(arbiter, left_x=0.19)  # the live page is silent at rest
