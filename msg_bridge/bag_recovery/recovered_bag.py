@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+import shutil
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -116,22 +117,66 @@ def recover_bag(
     sources = _files_of(path)
     custom, named = _read_metadata(path)
     _create(folder)
-    topics: dict[str, TopicMetadata] = {}
-    recovered, written = [], []
-    for number, source in enumerate(sources):
-        writer = _FileWriter(
-            folder / f"{folder.name}_{number}.mcap", COMPRESSIONS[compression], topics
+    try:
+        topics: dict[str, TopicMetadata] = {}
+        recovered, written = _recover_files(sources, folder, topics, compression, progress)
+        missing = () if path.is_file() else tuple(sorted(named - {each.name for each in sources}))
+        num_others = sum(each.name not in named for each in sources)
+        bag = RecoveredBag(
+            recovered, folder, custom is not None, missing, len(missing) <= num_others
         )
+        if not bag.messages:
+            raise BagReadError(f"{path} has no message that can be read")
+        summary = {**(custom or {}), "recovered": _summary(bag)}
+        write_metadata(folder, BagMetadata(tuple(written), tuple(topics.values()), summary))
+    except BaseException:  # a part of a bag is no bag, and another attempt needs its place
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return bag
+
+
+def _recover_files(
+    sources: Sequence[Path],
+    folder: Path,
+    topics: dict[str, TopicMetadata],
+    compression: str,
+    progress: Callable[[float], None] | None,
+) -> tuple[list[RecoveredFile], list[FileMetadata]]:
+    """Write what can be read of the files of a bag; return what was read, and the new files.
+
+    Args:
+        sources: the files.
+        folder, compression, progress: as of `recover_bag`.
+        topics: topics of the bag with their numbers of messages, which are added.
+
+    Raises:
+        BagReadError: the only file cannot be read.
+        BagError: the new bag cannot be written.
+    """
+    recovered: list[RecoveredFile] = []
+    written: list[FileMetadata] = []
+    for number, source in enumerate(sources):
+        file = folder / f"{folder.name}_{len(written)}.mcap"
+        writer = _FileWriter(file, COMPRESSIONS[compression], topics)
         salvaged = SalvagedFile(source)
-        reported = 0.0
+        reported, is_readable = 0.0, True
         try:
             for record, fraction in salvaged.records():
                 writer.add(record)
                 if progress is not None and fraction - reported >= _PROGRESS_STEP:
                     reported = fraction
                     progress((number + fraction) / len(sources))
+        except BagReadError as error:
+            if len(sources) == 1:
+                raise
+            is_readable = False
+            salvaged.damages.append(_unreadable(source, str(error)))
         finally:
-            written.append(writer.close())
+            entry = writer.close()
+        if is_readable:
+            written.append(entry)
+        else:
+            file.unlink()
         recovered.append(
             RecoveredFile(
                 source,
@@ -144,21 +189,13 @@ def recover_bag(
         )
     if progress is not None:
         progress(1.0)
-    missing = () if path.is_file() else tuple(sorted(named - {each.name for each in sources}))
-    num_others = sum(each.name not in named for each in sources)
-    bag = RecoveredBag(recovered, folder, custom is not None, missing, len(missing) <= num_others)
-    if not bag.messages:
-        for each in written:
-            (folder / each.name).unlink()
-        folder.rmdir()
-        raise BagReadError(f"{path} has no message that can be read")
-    write_metadata(
-        folder,
-        BagMetadata(
-            tuple(written), tuple(topics.values()), {**(custom or {}), "recovered": _summary(bag)}
-        ),
-    )
-    return bag
+    return recovered, written
+
+
+def _unreadable(file: Path, text: str) -> Damage:
+    """Return the damage of a whole file; an empty one is an end that was never written."""
+    size = file.stat().st_size if file.exists() else None
+    return Damage(0, size or 0, text, is_loss=size != 0)
 
 
 class _FileWriter:

@@ -201,6 +201,27 @@ def test_bag_without_a_file_that_metadata_names_is_written_again(
     assert found == list(range(0 if is_renamed else NUMBER // 2, NUMBER))
 
 
+@pytest.mark.parametrize("content", [b"", b"text"])
+def test_file_without_any_record_does_not_hinder_the_others(
+    tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    last = sorted(write_bag(tmp_path / "dig", num_files=4).parent.glob("*.mcap"))[-1]
+    last.write_bytes(content)
+    assert main(["recover", str(tmp_path / "dig")]) == (1 if content else 0)
+    assert str(last) in capsys.readouterr().out
+    assert sorted(numbers_in(tmp_path / "dig-recovered")) == list(range(NUMBER * 3 // 4))
+
+
+def test_folder_of_a_bag_without_messages_is_not_left(tmp_path: Path) -> None:
+    (tmp_path / "dig").mkdir()
+    file = tmp_path / "dig/dig_0.mcap"
+    file.write_bytes(b"")
+    for _ in range(2):
+        with pytest.raises(BagReadError, match="is empty"):
+            recover(file)
+    assert not (tmp_path / "recovered").exists()
+
+
 def test_command_reports_what_was_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = write_bag(tmp_path / "dig")
     assert main(["recover", str(tmp_path / "dig")]) == 0
