@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection
 from typing import Protocol
 
 import numpy as np
@@ -24,9 +24,6 @@ class MessageTimes(Protocol):
     def size(self) -> int:
         """Number of messages."""
 
-    def of_topic(self, topic: str) -> NDArray[np.intp]:
-        """Return the numbers of the messages of a topic, ascending."""
-
     def latest(self, topic: str, end: int) -> int | None:
         """Return the last message of a topic before number `end`; None without one."""
 
@@ -35,8 +32,8 @@ class Playback:
     """The position in a bag, which moves with a clock.
 
     At the begin, after a seek and at each loop the keyframes are due first: of each transient-local
-    topic the newest message before the position, and of each topic of updates all messages since
-    the keyframe that they change. The position moves on when they are published.
+    topic the newest message before the position, and then the updates that these lack. The position
+    moves on when they are published.
 
     Attributes:
         duration: of the bag [s].
@@ -50,7 +47,7 @@ class Playback:
         messages: MessageTimes,
         *,
         keyframe_topics: Collection[str],
-        updates: Mapping[str, str],
+        find_updates: Callable[[str, int, int], Collection[int]],
         start: float = 0.0,
         end: float = 0.0,
         rate: float = 1.0,
@@ -61,14 +58,15 @@ class Playback:
         Args:
             messages: at least one message.
             keyframe_topics: transient-local topics.
-            updates: topic of updates by the topic of the keyframes that they change.
+            find_updates: returns the messages with the updates that a keyframe lacks: of a topic of
+                keyframes, of one with this number, of those before number `end`.
             start, end: what is played [s from the first message]; end 0: to the last message.
             rate: seconds of the bag per second.
             is_looping: whether to begin again at the end.
             is_paused: whether to begin paused.
         """
         self._messages = messages
-        self._keyframe_topics, self._updates = tuple(keyframe_topics), dict(updates)
+        self._keyframe_topics, self._find_updates = tuple(keyframe_topics), find_updates
         self._first = int(messages.times[0])
         self.duration = (int(messages.times[-1]) - self._first) / _NANO
         self._start = min(start, self.duration)
@@ -147,14 +145,12 @@ class Playback:
         return int(np.searchsorted(self._messages.times, time, side=side))  # type: ignore[call-overload]
 
     def _find_keyframes(self, end: int) -> list[int]:
-        """Return the messages that make up the state before message `end`, in their order."""
-        found: list[int] = []
+        """Return the messages that make up the state before message `end`: keyframes, updates."""
+        keyframes: list[int] = []
+        updates: list[int] = []
         for topic in self._keyframe_topics:
             keyframe = self._messages.latest(topic, end)
-            if keyframe is None:
-                continue
-            found.append(keyframe)
-            if topic in self._updates:
-                numbers = self._messages.of_topic(self._updates[topic])
-                found += numbers[(numbers > keyframe) & (numbers < end)].tolist()
-        return sorted(found)
+            if keyframe is not None:
+                keyframes.append(keyframe)
+                updates += self._find_updates(topic, keyframe, end)
+        return sorted(keyframes) + sorted(updates)

@@ -25,6 +25,7 @@ from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.interface import is_exclusive
 from msg_bridge.player.keys import Key, KeyReader
+from msg_bridge.player.map_updates import find_map_updates
 from msg_bridge.player.params import MAX_RATE, MIN_RATE, PlayerParams
 from msg_bridge.player.playback import Playback
 from msg_bridge.raw_topics.raw_subscriptions import message_class
@@ -147,21 +148,22 @@ class PlayerNode(Node):
         )
 
     def _playback(self, params: PlayerParams) -> Playback:
-        updates = {
-            topic: topic.removesuffix(_MAP) + _UPDATES
-            for topic in self._by_topic
-            if topic.endswith(_MAP)
-        }
         return Playback(
             self._index,
             keyframe_topics=self._transient_local,
-            updates=updates,
+            find_updates=self._find_updates,
             start=params.start,
             end=params.end,
             rate=params.rate,
             is_looping=params.loop,
             is_paused=params.paused,
         )
+
+    def _find_updates(self, topic: str, number: int, end: int) -> list[int]:
+        """Return the messages with the updates that a keyframe lacks; see `Playback`."""
+        if not topic.endswith(_MAP):
+            return []
+        return find_map_updates(self._index, topic.removesuffix(_MAP) + _UPDATES, number, end)
 
     def _make_clock_publisher(self, reader: BagReader) -> Publisher | None:
         """Return the publisher of log times as /clock; None if there is none."""

@@ -46,8 +46,13 @@ class Messages:
 MESSAGES = Messages()
 
 
+def updates_behind(topic: str, number: int, end: int) -> list[int]:
+    numbers = MESSAGES.of_topic(UPDATES)
+    return numbers[(numbers > number) & (numbers < end)].tolist()
+
+
 def playback(**options) -> Playback:
-    return Playback(MESSAGES, keyframe_topics=[MAP], updates={MAP: UPDATES}, **options)
+    return Playback(MESSAGES, keyframe_topics=[MAP], find_updates=updates_behind, **options)
 
 
 def play(player: Playback, seconds: float, *, begin: float = 0.0, count: int = 1000) -> list[int]:
@@ -102,6 +107,16 @@ def test_keyframe_and_its_updates_precede_the_messages_after_a_seek(position: fl
     assert player.position == position
     following = play(player, 1.0, begin=5.0)
     assert following[0] == int(np.searchsorted(seconds_of(list(range(MESSAGES.size))), position))
+
+
+def test_updates_follow_the_keyframes_also_if_they_are_before_them() -> None:
+    player = Playback(
+        MESSAGES, keyframe_topics=[MAP], find_updates=lambda *_: [2, 40], is_paused=True
+    )
+    player.seek(7.25)
+    first, *updates = player.take(0.0, 1000)
+    assert MESSAGES.topic_numbers[first] == MESSAGES.topics.index(MAP)
+    assert updates == [2, 40]
 
 
 def test_pause_does_not_hold_keyframes_back() -> None:
