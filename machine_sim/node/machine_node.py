@@ -316,7 +316,9 @@ class MachineNode(SimNode):
             self._session_log.log_joined(run, is_first=self._published_session_id < 0)
             self._published_session_id = exchange.session_id
             self._node_publishers.publish_state(run, self._params)
-        if run.endpoint.is_ready and self._last_ticks.is_published:
+        if not self._last_ticks.is_published:  # a request to rejoin would overtake them
+            return
+        if run.endpoint.is_ready:
             self._command_poller.take_all()  # commands that have arrived by now apply
             self._emergency_stops.take_all()
             if run.can_step or self._leaving:
@@ -361,7 +363,8 @@ class MachineNode(SimNode):
         elif run.endpoint.exchange.join_state is JoinState.READY and not run.can_step:
             self._repeat_state(run)
             self._node_publishers.publish_state_hash(run)
-        self._membership.recover(run, time.monotonic())
+        if self._last_ticks.is_published or run.endpoint.exchange.join_state is not JoinState.OUT:
+            self._membership.recover(run, time.monotonic())
         if self._membership.facts is not None and self._membership.facts.run_id != run.facts.run_id:
             self._try_new_run()
 

@@ -10,14 +10,16 @@ from types import MappingProxyType
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, Int64MultiArray
 from support.machine_scenes import COMMAND_NAMES
 from support.node_scenes import TICK, Scene, dig, joint_command, machine_file, ready_to_dig
 
 from machine_sim.node.machine_node import MachineNode
-from msg_bridge.codec.qos import STATE
+from msg_bridge.codec.qos import ROWS, STATE
 from msg_bridge.codec.stamps import tick_from_stamp
+from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.contract.messages import MachineHeader
 from msg_bridge.testing.ros_context import Ros
 from soil_sim.node.soil_node import SoilNode
 
@@ -130,6 +132,23 @@ def test_machine_dropped_in_real_time_returns_with_its_soil(ros: Ros, tmp_path: 
     scene.more_ticks(50)
     assert scene.ledgers[-1].absent == scene.ledgers[-1].imbalance == 0
     assert scene.ledgers[-1].particles > 10**8
+
+
+def test_dropped_machine_publishes_its_last_ticks_before_it_rejoins(
+    ros: Ros, tmp_path: Path
+) -> None:
+    """The process may have died before it sent a tick that its machines have made."""
+    scene = CrashScene(ros, tmp_path, sync="realtime", machine_timeout=0.5)
+    scene.until_tick(5)
+    last = scene.digger.run.tick
+    ros.remove(scene.digger)
+    ros.spin_until(lambda: scene.joined == (), what="the silent machine to be dropped")
+    messages = ros.collect("/excavator/soil_tick", Int64MultiArray, ROWS)
+    scene.digger = scene.start_digger()
+    ros.spin_until(lambda: scene.joined == (1,), what="the machine to rejoin")
+    headers = [each for each in map(from_multi_array, messages) if isinstance(each, MachineHeader)]
+    rejoin = next(k for k, header in enumerate(headers) if not header.is_tick)
+    assert [header.tick for header in headers[:rejoin]] == [last - 2, last - 1, last]
 
 
 def test_emergency_stop_holds_over_a_restart(ros: Ros, tmp_path: Path) -> None:
