@@ -22,6 +22,15 @@ __all__ = ["standing_pose"]
 
 Array = NDArray[np.float64]
 
+_MAX_NEWTON_STEPS = 100
+"""Newton steps to the equilibrium; about ten are needed."""
+
+_MAX_SURPLUS = 1e-6
+"""Maximum imbalance of forces and moments [m] at the equilibrium, as a fraction of the weight."""
+
+_RIDGE = 1e-3
+"""Stiffness that all points add to that of the touching ones, so that any of them are enough."""
+
 
 def standing_pose(
     spec: MachineSpec, ground: Ground, x: float, y: float, yaw: float
@@ -29,7 +38,8 @@ def standing_pose(
     """Return the pose of the base frame on the ground at (x, y) [m] with a heading `yaw` [rad].
 
     The tracks stand on the plane of best fit to the ground under them, at the depth to which the
-    weight presses them in.
+    weight presses them in. Rigid ground would throw off tracks that are in it: where some of the
+    ground is rigid, they stand in static equilibrium.
 
     Returns:
         Position [m], map frame, shape (3,), and rotation matrix base to map, shape (3, 3).
@@ -54,19 +64,66 @@ def standing_pose(
     heights = np.array(
         [surface_at(ground.undisturbed_surface, *ground.frame, *point)[0] for point in points]
     )
-    height, slope_forward, slope_left = np.linalg.lstsq(
-        np.column_stack([np.ones_like(forward_offsets), forward_offsets, left_offsets]),
-        heights,
-        rcond=None,
-    )[0]
-    forward = np.array([c, s, slope_forward])
-    left = np.array([-s, c, slope_left])
+    basis = np.column_stack([np.ones_like(forward_offsets), forward_offsets, left_offsets])
+    plane = np.linalg.lstsq(basis, heights, rcond=None)[0]
+    rotation = _rotation(plane, yaw)
+    normal = rotation[:, 2]
+    depths, is_rigid = _static_depths(spec, ground, points, spec.mass * GRAVITY * float(normal[2]))
+    if is_rigid.any():
+        plane = _equilibrium_plane(plane, basis, heights, depths)
+        return np.array([x, y, plane[0]]), _rotation(plane, yaw)
+    sinkage = min(float(np.mean(depths)), spec.tracks.sprocket_radius)
+    return np.array([x, y, plane[0]]) - sinkage * normal, rotation
+
+
+def _rotation(plane: Array, yaw: float) -> Array:
+    """Return the rotation matrix base to map of a machine on a plane, with a heading [rad].
+
+    Args:
+        plane: height [m], slopes forward and to the left, shape (3,).
+        yaw: heading, counter-clockwise from +x.
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    forward = np.array([c, s, plane[1]])
+    left = np.array([-s, c, plane[2]])
     normal = np.cross(forward, left)
     normal /= np.linalg.norm(normal)
     forward /= np.linalg.norm(forward)
-    rotation = np.column_stack([forward, np.cross(normal, forward), normal])
-    sinkage = _static_sinkage(spec, ground, points, spec.mass * GRAVITY * float(normal[2]))
-    return np.array([x, y, height]) - sinkage * normal, rotation
+    return np.column_stack([forward, np.cross(normal, forward), normal])
+
+
+def _equilibrium_plane(plane: Array, basis: Array, heights: Array, depths: Array) -> Array:
+    """Return the plane on which the forces of the ground carry the weight, in the middle.
+
+    Each point is a spring that carries its share of the weight at its depth and does not pull. The
+    equilibrium is the minimum of a convex energy, by Newton's method with a line search.
+
+    Args:
+        plane: first guess: height [m], slopes forward and to the left, shape (3,).
+        basis: 1 and the offsets forward and to the left [m] of each point, shape (n, 3).
+        heights: ground at the points [m], shape (n,).
+        depths: depth of each point under its share of the weight [m], shape (n,).
+    """
+    weight = float(len(heights))  # in shares
+    transposed = basis.T / depths  # forces and moments of the points by their depth
+    ridge = _RIDGE * transposed @ basis
+
+    def energy(plane: Array) -> float:
+        penetration = np.maximum(heights - basis @ plane, 0.0)
+        return float(0.5 * (penetration / depths) @ penetration + weight * plane[0])
+
+    for _ in range(_MAX_NEWTON_STEPS):
+        penetration = np.maximum(heights - basis @ plane, 0.0)
+        surplus = transposed @ penetration - [weight, 0.0, 0.0]
+        if np.abs(surplus).max() < _MAX_SURPLUS * weight:
+            break
+        touching = penetration > 0.0
+        step = np.linalg.solve(ridge + transposed[:, touching] @ basis[touching], surplus)
+        before = energy(plane)
+        while energy(plane + step) > before:
+            step *= 0.5
+        plane = plane + step
+    return plane
 
 
 def _check_map_size(spec: MachineSpec, grid: Grid) -> None:
@@ -83,11 +140,16 @@ def _check_map_size(spec: MachineSpec, grid: Grid) -> None:
         )
 
 
-def _static_sinkage(spec: MachineSpec, ground: Ground, points: Array, weight: float) -> float:
-    """Return the depth to which tracks sink under a weight [N], mean over some points [m].
+def _static_depths(
+    spec: MachineSpec, ground: Ground, points: Array, weight: float
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the depth [m] at which each point carries its share of a weight [N].
 
     It is the larger of the deflection of the contact springs and the depth at which Bekker's
-    pressure carries the weight, and at most the radius of the wheels.
+    pressure carries the weight.
+
+    Returns:
+        Depths, and whether the ground is rigid, shape (n,) each.
     """
     tracks = spec.tracks
     num_loaded_shoes = 2.0 * tracks.axle_distance / tracks.pitch
@@ -102,7 +164,7 @@ def _static_sinkage(spec: MachineSpec, ground: Ground, points: Array, weight: fl
         max((pressure / modulus) ** (1.0 / exponent), deflection) if modulus else deflection
         for modulus, exponent in coefficients[:, [BEKKER_MODULUS, BEKKER_N]].tolist()
     ]
-    return min(float(np.mean(depths)), tracks.sprocket_radius)
+    return np.array(depths), coefficients[:, BEKKER_MODULUS] == 0.0
 
 
 def _footprint(tracks: TrackSpec) -> tuple[Array, Array]:

@@ -1,11 +1,14 @@
-"""Initial pose of a machine: on the map, and on one that its tracks fit on."""
+"""Initial pose of a machine: on the map, on one that its tracks fit on, on uneven ground."""
 
 import numpy as np
 import pytest
+from support.machine_scenes import GRID
 
 from machine_sim.ground import Ground
 from machine_sim.machine import MachineError
 from machine_sim.machine.tracks.placement import standing_pose
+from machine_sim.simulated_machine import Placement
+from machine_sim.simulation import MachineSim
 from msg_bridge.contract.grid import Grid
 
 
@@ -32,3 +35,20 @@ def test_machine_stands_on_a_map_as_large_as_its_tracks(spec, rows, cols):
     position, rotation = standing_pose(spec, level_ground(rows, cols), 0.0, 0.0, 0.0)
     assert position == pytest.approx([0.0, 0.0, 0.0], abs=0.05)
     assert rotation == pytest.approx(np.eye(3))
+
+
+@pytest.mark.parametrize(("height", "x", "y"), [(1.5, 1.8, 1.2), (1.0, 0.0, 0.0), (-1.5, 0.0, 0.0)])
+def test_machine_on_a_heap_or_pit_of_rigid_ground_is_not_thrown_off(spec, height, x, y):
+    """The cone is higher, or deeper, than the plane of best fit under the tracks by up to 0.5 m."""
+    rows, cols = np.arange(GRID.rows)[:, None], np.arange(GRID.cols)[None, :]
+    distance = np.hypot(GRID.x(rows) - x, GRID.y(cols) - y)
+    cone = np.sign(height) * np.maximum(abs(height) - 0.6 * distance, 0.0)
+    sim = MachineSim([Placement(spec)], GRID, cone)
+    before = sim.machine.base_pose[0][2]
+    rises = []
+    for _ in range(100):
+        sim.step()
+        rises.append(sim.machine.base_pose[0][2] - before)
+    sim.close()
+    assert max(rises) < 0.05
+    assert abs(rises[-1]) < 0.15
