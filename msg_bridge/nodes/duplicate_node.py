@@ -15,14 +15,12 @@ from collections.abc import Sequence
 from rclpy.node import Node
 
 from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.nodes.endpoint_monitor import UNKNOWN_NODE, node_name
 
 __all__ = ["DuplicateNodeError", "check_no_other_node"]
 
 _POLL_PERIOD = 0.02
 """Wall time between two queries of the ROS graph [s]."""
-
-_UNKNOWN = "UNKNOWN"
-"""Part of the name of a node of which only the endpoint is discovered yet."""
 
 
 class DuplicateNodeError(EarthmovingError):
@@ -51,8 +49,8 @@ def check_no_other_node(node: Node, names: Sequence[str], deadline: float, *, re
             if not node.count_publishers(topic):
                 continue
             infos = node.get_publishers_info_by_topic(topic)
-            others = {f"{each.node_namespace.rstrip('/')}/{each.node_name}" for each in infos}
-            if others and (is_late or not any(_UNKNOWN in other for other in others)):
+            others = set(map(node_name, infos))
+            if others and (is_late or UNKNOWN_NODE not in others):
                 raise DuplicateNodeError(
                     f"another node, {' and '.join(sorted(others))}, publishes {topic}; {remedy};"
                     " this node ends"

@@ -24,7 +24,7 @@ from msg_bridge.contract import topics
 from msg_bridge.contract.interface import is_exclusive
 from msg_bridge.nodes.diagnostics import Diagnostics, Level
 
-__all__ = ["EndpointMonitor", "node_name"]
+__all__ = ["UNKNOWN_NODE", "EndpointMonitor", "node_name"]
 
 _ROW_TOPICS = (topics.SOIL_TOOL_SWEEPS, topics.SOIL_DEPOSIT_REQUESTS)
 """Topics that all machine nodes publish, and nothing else may."""
@@ -35,6 +35,12 @@ _CONDITION = "endpoints of other nodes"
 _ANOTHER = "give each node its own namespace, or each simulation its own ROS_DOMAIN_ID"
 
 _RESTARTED = f"if one was killed, its DDS lease ends in 10 s; else {_ANOTHER}"
+
+_UNKNOWN_PART = "UNKNOWN"
+"""Part of the name that rmw gives a node of which it has only the endpoints."""
+
+UNKNOWN_NODE = "a node of unknown name"
+"""Name of such a node in texts: it has just started, or was killed."""
 
 _Endpoint = tuple[str, tuple[int, ...]]
 """Topic and id of a publisher; one that was restarted has another id."""
@@ -90,7 +96,8 @@ class EndpointMonitor:
             if len(publishers) > 1:
                 names = sorted(map(node_name, publishers))
                 what = f"nodes {' and '.join(names)} both publish {{}}, which one may"
-                remedy = _ANOTHER if len(set(names)) == len(names) else _RESTARTED
+                is_known = len(set(names)) == len(names) and UNKNOWN_NODE not in names
+                remedy = _ANOTHER if is_known else _RESTARTED
                 findings[Level.WARN, what, remedy].update(_endpoint(topic, e) for e in publishers)
             return
         own = next((each for each in publishers if node_name(each) == self._own_name), None)
@@ -157,7 +164,9 @@ def _endpoint(topic: str, info: TopicEndpointInfo) -> _Endpoint:
 
 
 def node_name(info: TopicEndpointInfo) -> str:
-    """Return the full name of the node of an endpoint."""
+    """Return the full name of the node of an endpoint, or that it is unknown."""
+    if _UNKNOWN_PART in info.node_name:
+        return UNKNOWN_NODE
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
 
 

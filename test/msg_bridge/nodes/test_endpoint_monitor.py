@@ -11,6 +11,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Bool, Int64MultiArray, String
 from support.node_scenes import Scene
@@ -128,6 +129,26 @@ def test_second_publisher_is_named_by_subscribers(monitored: Monitored) -> None:
     monitored.until_reported(
         monitored.machine, "/evil/forger and /soil_sim both publish /soil/tick"
     )
+
+
+def test_second_publisher_of_unknown_name_may_have_been_killed(
+    monitored: Monitored, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node, killed = monitored.machine, monitored.other
+    find_publishers = node.get_publishers_info_by_topic
+
+    def without_name(topic: str) -> list[TopicEndpointInfo]:
+        infos = find_publishers(topic)
+        for info in infos:
+            if info.node_name == killed.get_name():
+                info.node_name = "_NODE_NAME_UNKNOWN_"
+                info.node_namespace = "_NODE_NAMESPACE_UNKNOWN_"
+        return infos
+
+    monkeypatch.setattr(node, "get_publishers_info_by_topic", without_name)
+    killed.create_publisher(String, "/sim/config", qos.TRANSIENT_LOCAL)
+    named = "nodes /soil_sim and a node of unknown name both publish /sim/config"
+    monitored.until_reported(node, named, "if one was killed, its DDS lease ends in 10 s")
 
 
 def test_publisher_of_rows_that_is_no_machine_node_is_named(monitored: Monitored) -> None:
