@@ -16,7 +16,7 @@ from machine_sim.node.machine_instance import MachineInstance, create_machine_in
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.warm_up import warm_up
 from msg_bridge.codec.run_config import RunFacts
-from msg_bridge.contract.messages import Keyframe, MachineHeader, Message, Verb
+from msg_bridge.contract.messages import Keyframe, MachineHeader, Message, SoilHeader, Verb
 from msg_bridge.exchange.join_state import JoinState
 
 __all__ = ["OnState", "ReplayedMachines", "compile_kernels"]
@@ -170,9 +170,10 @@ class ReplayedMachines:
 
     def finish(self) -> None:
         """Apply the last answer that has arrived."""
-        self._process_inbox(np.iinfo(np.int64).max)
-        exchange = self.run.endpoint.exchange
-        if exchange.waiting and self.run.endpoint.poll() is not None:
+        endpoint = self.run.endpoint
+        while self._inbox:
+            endpoint.receive(self._inbox.popleft()[1])
+        if endpoint.exchange.waiting and endpoint.poll() is not None:
             self._on_state(self)
 
     def close(self) -> None:
@@ -199,8 +200,8 @@ class ReplayedMachines:
     def _step(self, action: NodeAction) -> None:
         header = action.header
         self._process_inbox(header.answered_tick)
-        self._apply_answer(header.answered_tick)
         endpoint = self.run.endpoint
+        endpoint.poll()
         if not endpoint.is_ready:
             raise ReplayError(
                 f"{self.namespace} cannot make tick {header.tick}: it is"
@@ -221,6 +222,15 @@ class ReplayedMachines:
             endpoint.poll()
 
     def _process_inbox(self, tick: int) -> None:
-        """Process the messages that the soil sent up to a tick."""
+        """Process the messages that the soil sent up to a tick, from which the answer came.
+
+        A header of a tick before it was replaced by that one, or did not arrive; with it, a machine
+        that skips ticks would apply the answer in two parts.
+        """
+        endpoint = self.run.endpoint
+        is_waiting = endpoint.exchange.join_state is JoinState.WAITING
         while self._inbox and self._inbox[0][0] <= tick:
-            self.run.endpoint.receive(self._inbox.popleft()[1])
+            number, message = self._inbox.popleft()
+            if is_waiting and number < tick and isinstance(message, SoilHeader):
+                continue
+            endpoint.receive(message)

@@ -307,6 +307,23 @@ def test_machines_that_come_and_go_in_real_time(ros: Ros, tmp_path: Path) -> Non
     check_identical(replay(tmp_path / "other"), ["/soil/state_hash", "/late/state_hash"])
 
 
+def test_restarted_machine_that_missed_headers_of_a_soil_that_does_not_wait(
+    ros: Ros, tmp_path: Path
+) -> None:
+    """One header answers both ticks in flight, as those between them are not sent again."""
+    waits = {"sync": "realtime", "overload": "skip_ticks", "machine_timeout": 60.0}
+    scene = RecordedScene(ros, tmp_path, **waits)
+    parameters = {"recovery.path": str(tmp_path / "state")}
+    machine = scene.digger(**parameters)
+    swing(scene, machine)
+    scene.more_ticks(20)
+    ros.remove(machine)  # as if it had been killed
+    scene.more_ticks(20)
+    machine = scene.digger(**parameters)
+    scene.more_ticks(200)
+    check_identical(replay(scene.finish()), ["/soil/state_hash", "/excavator/state_hash"])
+
+
 def test_replay_ends_where_a_machine_continued_from_a_checkpoint(
     ros: Ros, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
