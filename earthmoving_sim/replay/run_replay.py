@@ -116,7 +116,7 @@ class RunReplay:
         self._recorded_soil = RecordedSoil(queues, survey.run_id)
         self._nodes = {
             machine_id: RecordedNode(
-                queues, namespace, self._machine_names(namespace), self.facts.tick_period
+                queues, namespace, self._machine_names(namespace), survey.tick_periods
             )
             for machine_id, namespace in survey.nodes.items()
         }

@@ -46,30 +46,34 @@ class RecordedNode:
     """
 
     def __init__(
-        self, queues: TopicQueues, namespace: str, machines: Sequence[str], tick_period: float
+        self,
+        queues: TopicQueues,
+        namespace: str,
+        machines: Sequence[str],
+        tick_periods: Mapping[int, float],
     ) -> None:
         """
         Args:
             queues: messages of the bag.
             namespace: namespace of the node.
             machines: names of its machines; one empty name for the only machine of a node.
-            tick_period: tick period of the run [s].
+            tick_periods: tick period of each run of the bag [s], by run id.
         """
         self.namespace = namespace
-        self._queues, self._period = queues, tick_period
+        self._queues, self._periods = queues, tick_periods
         self._header_topic = resolve(topics.MACHINE_TICK, namespace)
         self._command_topics = _command_topics(namespace, machines)
         self._newest: MachineHeader | None = None
-        self._is_skipping = False
+        self._last_skipped: MachineHeader | None = None  # while actions are left out
 
     @property
     def newest_header(self) -> MachineHeader | None:
         """Header of the last action."""
-        return self._newest
+        return self._last_skipped or self._newest
 
     def skip_through(self, header: MachineHeader) -> None:
         """Leave out all actions up to the one with a header."""
-        self._newest, self._is_skipping = header, True
+        self._last_skipped = header
 
     def next_action(self) -> NodeAction | None:
         """Return the next action; None at the end of the bag. Repeated headers are left out.
@@ -85,17 +89,16 @@ class RecordedNode:
             header = _machine_header(message)
             if header is None:
                 continue
-            if self._is_skipping:
-                self._is_skipping = header != self._newest
-                continue
             if self._is_repeated(header):
                 continue
             self._newest = header
-            if not header.is_tick:
-                return NodeAction(header)
-            return NodeAction(
-                header, tuple(self._command(topic, header.tick) for topic in self._command_topics)
-            )
+            commands: list[Mapping[str, float]] = []
+            if header.is_tick and header.run_id in self._periods:
+                commands = [self._command(topic, header) for topic in self._command_topics]
+            if self._last_skipped is None:
+                return NodeAction(header, tuple(commands))
+            if header == self._last_skipped:
+                self._last_skipped = None
 
     def _is_repeated(self, header: MachineHeader) -> bool:
         newest = self._newest
@@ -105,18 +108,18 @@ class RecordedNode:
             return header.is_tick  # a tick of a session that is over
         return not header.is_tick or (newest.is_tick and header.tick <= newest.tick)
 
-    def _command(self, topic: str, tick: int) -> Mapping[str, float]:
-        """Return the command that a machine applied in a tick.
+    def _command(self, topic: str, header: MachineHeader) -> Mapping[str, float]:
+        """Return the command that a machine applied in the tick of a header.
 
         Each tick of each machine has one message, so those of ticks that no header names are
-        skipped.
+        skipped. Those of earlier runs, which have the same stamps, must be read before.
         """
-        stamp = stamp_from_tick(tick, self._period)
+        stamp = stamp_from_tick(header.tick, self._periods[header.run_id])
         while (message := self._queues.next(topic)) is not None:
             if message.header.stamp == stamp:
                 return dict(zip(message.name, message.velocity, strict=False))
         raise ReplayError(
-            f"the bag lacks the command of tick {tick} on {topic}; record it without loss"
+            f"the bag lacks the command of tick {header.tick} on {topic}; record it without loss"
         )
 
 

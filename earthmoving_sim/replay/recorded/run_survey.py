@@ -6,7 +6,7 @@ example, shows only in what follows.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -70,6 +70,7 @@ class RunSurvey:
         last_ticks: last tick of each session that ended with LEAVE.
         hashes: state hash by topic and tick.
         newest_tick: last tick of which there is a header of a machine or a state hash.
+        tick_periods: tick period of each run of the bag that has a configuration [s], by run id.
     """
 
     run_id: int
@@ -79,6 +80,7 @@ class RunSurvey:
     last_ticks: dict[SessionId, int] = field(default_factory=dict)
     hashes: dict[str, dict[int, str]] = field(default_factory=dict)
     newest_tick: int = -1
+    tick_periods: Mapping[int, float] = field(default_factory=dict)
 
     def check_configurations(self, bag: Path) -> None:
         """Check that there is a configuration of each machine node with what a replay needs.
@@ -158,7 +160,11 @@ def survey_runs(
             handler(runs, topic, message)
         except (CodecError, AttributeError, KeyError, TypeError, ValueError):
             continue  # a message of another program
-    return [runs[run_id] for run_id in sorted(runs) if runs[run_id].config]
+    found = [runs[run_id] for run_id in sorted(runs) if runs[run_id].config]
+    tick_periods = {each.run_id: parse_run_facts(each.config).tick_period for each in found}
+    for each in found:
+        each.tick_periods = tick_periods
+    return found
 
 
 def _run(runs: dict[int, RunSurvey], run_id: int) -> RunSurvey:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import re
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Int64MultiArray, String
-from support.node_scenes import Scene, dig, machine_file, ready_to_dig
+from support.node_scenes import TICK, Scene, dig, machine_file, ready_to_dig
 
 from earthmoving_sim.cli import main
 from earthmoving_sim.replay.recorded.run_survey import survey_runs
@@ -28,6 +29,7 @@ from msg_bridge.config_files import find_config
 from msg_bridge.contract.ledger import Ledger
 from msg_bridge.recorder.recorder_node import RecorderNode
 from msg_bridge.testing.ros_context import Ros
+from soil_sim.node.soil_node import SoilNode
 
 COMMAND_TIMEOUT = 60.0
 COMMANDS = "/excavator/applied_commands"
@@ -367,9 +369,30 @@ def test_reset_begins_another_run(ros: Ros, tmp_path: Path) -> None:
     assert scene.trigger("/sim/reset").success
     scene.ros.spin_until(lambda: 1 in scene.joined, what="the machine to join again")
     scene.until_tick(40)
-    results = replay(scene.finish())
+    second = scene.soil.run.endpoint.exchange.run_id
+    bag, state = scene.finish(), str(tmp_path / "state")
+    results = replay(bag)
     assert len(results) == 2
     check_identical(results, ["/soil/state_hash", "/excavator/state_hash"])
+    of_second = ["replay", str(bag), "--run", str(second)]
+    assert main([*of_second, "--until", "20", "--save", state]) == 0
+    assert main([*of_second, "--from", state]) == 0
+
+
+def test_restarted_soil_begins_another_run_with_another_tick_period(
+    ros: Ros, tmp_path: Path
+) -> None:
+    scene = RecordedScene(ros, tmp_path)
+    machine = scene.digger()
+    swing(scene, machine)
+    scene.until_tick(40)
+    first = scene.soil.run.endpoint.exchange.run_id
+    ros.remove(scene.soil)
+    ros.spin_until(lambda: time.time() >= first + 1, what="another run id, which is the time")
+    scene.soil = ros.add(SoilNode, parameters={**scene.given, "tick_period": 2 * TICK})
+    run = scene.soil.run.endpoint.exchange
+    ros.spin_until(lambda: run.tick >= 40, what="the ticks of the other run")
+    check_identical(replay(scene.finish()), ["/soil/state_hash", "/excavator/state_hash"])
 
 
 def test_bag_of_an_older_version_is_rejected_with_the_reason(
