@@ -232,6 +232,12 @@ class SoilNode(SimNode):
     # Ticks.
 
     def _receive(self, message: Message) -> bool:
+        if self.run.is_number_taken(message):
+            self.get_logger().info(
+                f"a machine takes part in run {message.run_id} of an earlier soil: the next begins"
+            )
+            self.run.reset(after=message.run_id)
+            self.publish_run_start()
         return self.run.endpoint.receive(message)
 
     def _on_timer(self) -> None:

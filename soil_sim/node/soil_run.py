@@ -14,6 +14,8 @@ from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 
+from msg_bridge.contract.messages import MachineHeader, Message
+from msg_bridge.exchange.session_key import MAX_RUN_ID
 from soil_sim.endpoint import SoilEndpoint, SoilTickResult
 from soil_sim.node.contention import Contention
 from soil_sim.node.params import SoilNodeParams
@@ -152,10 +154,25 @@ class SoilRun:
         self.journal.record_time(self.time_control)
         return self._requested_tick
 
-    def reset(self) -> None:
-        """Begin the next run on the initial terrain."""
+    def reset(self, *, after: int = 0) -> None:
+        """Begin the next run on the initial terrain.
+
+        Args:
+            after: number that the one of the run must exceed, as it does that of the present run.
+        """
         self.scheduler.stop()
-        self._start_run(self.endpoint.exchange.run_id + 1)
+        self._start_run(max(self.endpoint.exchange.run_id, after) + 1)
+
+    def is_number_taken(self, message: Message) -> bool:
+        """Return whether a message shows that a run of this or of a higher number has begun before.
+
+        Run ids are times in seconds, and increase by one at each reset: the soil of a process that
+        ended a moment ago, or was reset often, may have had that of this run. Its machines would
+        take it for theirs, or ignore it.
+        """
+        run_id = self.endpoint.exchange.run_id
+        is_tick = isinstance(message, MachineHeader) and message.is_tick
+        return is_tick and self.tick < 0 and run_id <= message.run_id < MAX_RUN_ID
 
     def resume(self, restored: RestoredSoil) -> None:
         """Continue a run that another process has begun."""

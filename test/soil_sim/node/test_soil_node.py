@@ -17,7 +17,9 @@ from msg_bridge.codec.stamps import tick_from_stamp
 from msg_bridge.contract.errors import ParameterError
 from msg_bridge.testing.ros_context import Ros
 from soil_sim.errors import SoilError, TerrainErrorCode
+from soil_sim.node import soil_node
 from soil_sim.node.imbalance_report import EXIT_IMBALANCE
+from soil_sim.node.soil_node import SoilNode
 from soil_sim.soil import Soil
 
 
@@ -71,6 +73,20 @@ def test_lost_soil_is_an_error_until_the_run_ends_and_in_the_exit_code(
     scene.trigger("/sim/reset")
     scene.until_shown(scene.soil, "level", 0)
     assert scene.soil.exit_code == EXIT_IMBALANCE
+
+
+def test_machine_joins_a_soil_that_was_restarted_within_a_second(
+    ros: Ros, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = Scene(ros)
+    scene.machine()
+    scene.until_tick(5)
+    before = scene.ledgers[-1].run_id
+    ros.remove(scene.soil)
+    monkeypatch.setattr(soil_node.time, "time", lambda: before)
+    ros.add(SoilNode, parameters=scene.given)
+    ros.spin_until(lambda: scene.ledgers[-1].run_id == before + 1)
+    scene.until_tick(5)
 
 
 def test_first_tick_waits_for_required_subscribers_of_every_topic(ros: Ros) -> None:
