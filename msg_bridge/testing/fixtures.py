@@ -106,7 +106,7 @@ def ros_process(ros: Ros, tmp_path: Path) -> Iterator[StartProcess]:
     """Return a function that starts a process; those still running at the end are killed.
 
     Their output is shown if the test fails. `ros.spin_until` fails as soon as a process has ended
-    that should be running.
+    that should be running, and the end of the test if one has ended with another exit code than 0.
     """
     started: list[RosProcess] = []
     number = itertools.count(1)
@@ -120,7 +120,9 @@ def ros_process(ros: Ros, tmp_path: Path) -> Iterator[StartProcess]:
         return process
 
     yield start
+    crashes = [crash for process in started if (crash := process.crash()) is not None]
     for process in started:
         process.kill()
         # pytest shows what is printed here if the test failed.
         print(f"--- output of {process}\n{process.output}")
+    assert not crashes, "\n".join(crashes)

@@ -86,7 +86,9 @@ class RosProcess:
             match = re.search(pattern, self.output, re.MULTILINE)
             if match:
                 return match
-            assert not ended, self._describe(f"ended without writing {pattern!r}")
+            if ended:
+                self._expected_to_run = False
+                raise AssertionError(self._describe(f"ended without writing {pattern!r}"))
             assert time.monotonic() < deadline, self._describe(
                 f"did not write {pattern!r} within {timeout:g} s"
             )
@@ -131,10 +133,16 @@ class RosProcess:
         self._process.kill()
 
     def failure_reason(self) -> str | None:
-        """What is wrong if it should be running and is not."""
+        """What is wrong if it should be running and is not; it is stated once."""
         if not self._expected_to_run or self.running:
             return None
+        self._expected_to_run = False
         return self._describe("has ended unexpectedly")
+
+    def crash(self) -> str | None:
+        """What is wrong if it has ended, without a request, with an exit code other than 0 that no
+        test has read."""
+        return self.failure_reason() if self._process.exit_code else None
 
     def _describe(self, what: str) -> str:
         code = self._process.exit_code

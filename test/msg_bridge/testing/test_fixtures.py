@@ -238,28 +238,54 @@ def test_waiting_for_output_ends_when_the_process_does(ros_process: StartProcess
         process.wait_for_output("ready")
 
 
-def test_process_left_running_is_killed_and_its_output_shown(
-    tmp_path: Path, ros_domain: int
-) -> None:
-    (tmp_path / "conftest.py").write_text('pytest_plugins = ["msg_bridge.testing.fixtures"]\n')
-    (tmp_path / "test_left.py").write_text(
-        "import sys\n"
-        "CODE = 'import os, time; print(\"pid\", os.getpid()); time.sleep(600)'\n"
-        "def test_left(ros_process):\n"
-        "    ros_process([sys.executable, '-c', CODE]).wait_for_output('pid')\n"
-        "    assert False\n"
-    )
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(tmp_path)]
-    done = subprocess.run(
-        [*command, f"--basetemp={tmp_path / 'base'}"],
-        cwd=tmp_path,
+def run_test(folder: Path, text: str) -> subprocess.CompletedProcess[str]:
+    """Run the tests of a text by pytest in a process of its own."""
+    (folder / "conftest.py").write_text('pytest_plugins = ["msg_bridge.testing.fixtures"]\n')
+    (folder / "test_inner.py").write_text(text)
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(folder)]
+    return subprocess.run(
+        [*command, f"--basetemp={folder / 'base'}"],
+        cwd=folder,
         env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
         capture_output=True,
         text=True,
         timeout=60,
+    )
+
+
+def test_process_left_running_is_killed_and_its_output_shown(
+    tmp_path: Path, ros_domain: int
+) -> None:
+    done = run_test(
+        tmp_path,
+        "import sys\n"
+        "CODE = 'import os, time; print(\"pid\", os.getpid()); time.sleep(600)'\n"
+        "def test_left(ros_process):\n"
+        "    ros_process([sys.executable, '-c', CODE]).wait_for_output('pid')\n"
+        "    assert False\n",
     )
     assert done.returncode == 1, done.stdout
     after = done.stdout.split("--- output of ")[1]
     pid = int(after.split("\npid ")[1].split()[0])
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
+
+
+def test_process_that_crashed_unseen_fails_its_test(tmp_path: Path, ros_domain: int) -> None:
+    done = run_test(
+        tmp_path,
+        "import sys\n"
+        "def run(ros_process, code):\n"
+        "    process = ros_process([sys.executable, '-c', f'print(1 / {code}); exit({code})'])\n"
+        "    while process.running:\n"
+        "        pass\n"
+        "    return process\n"
+        "def test_crash(ros_process):\n"
+        "    run(ros_process, 0)\n"
+        "def test_waited_for(ros_process):\n"
+        "    run(ros_process, 3).wait(expect=3)\n",
+    )
+    assert done.returncode == 1, done.stdout
+    assert "2 passed, 1 error" in done.stdout
+    assert "has ended unexpectedly; its exit code is 1" in done.stdout
+    assert "ZeroDivisionError" in done.stdout
