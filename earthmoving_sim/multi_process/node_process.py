@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import signal
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -52,6 +51,7 @@ class NodeProcess(ChildProcess):
 
     Attributes:
         name: name of the node in messages.
+        was_killed: whether `stop` has killed it.
     """
 
     def __init__(self, name: str, module: str, arguments: Sequence[str], log: Path) -> None:
@@ -64,6 +64,7 @@ class NodeProcess(ChildProcess):
         """
         super().__init__(python_module_command(module, arguments), log)
         self.name = name
+        self.was_killed = False
 
     def check(self) -> None:
         """Check that the node runs.
@@ -87,6 +88,7 @@ class NodeProcess(ChildProcess):
         code = self.wait(timeout)
         if code is not None:
             return code
+        self.was_killed = True
         self.interrupt(STACKS_SIGNAL)
         self.wait(_STACKS_TIME)
         return self.kill()
@@ -107,9 +109,9 @@ def stop_all(processes: Sequence[NodeProcess], timeout: float = STOP_TIMEOUT) ->
         if not code or not was_running:
             continue
         seconds = time.monotonic() - start_time
-        if code == -signal.SIGKILL:
+        if process.was_killed:
             problems.append(
-                f"{process.name} did not end within {seconds:.0f} s and was killed; its output is"
+                f"{process.name} did not end within {timeout:g} s and was killed; its output is"
                 f" in {process.log}:\n{process.tail(_NUM_STACK_LINES)}"
             )
         else:

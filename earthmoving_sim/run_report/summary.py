@@ -226,7 +226,9 @@ def _phase_times(data: MachineData) -> dict[str, float]:
     for phase, following in zip(data.phases, data.phases[1:], strict=False):
         if phase.cycle in numbers:
             sums[_PHASE_GROUPS.get(phase.phase, "return")] += following.time - phase.time
-    return {name: total / len(numbers) for name, total in sums.items()}
+    # An operator that is restarted counts from 1 again.
+    count = sum(number in numbers for number in reported)
+    return {name: total / count for name, total in sums.items()}
 
 
 def _latency(data: MachineData) -> LatencySummary | None:

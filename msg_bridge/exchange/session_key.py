@@ -17,13 +17,10 @@ from msg_bridge.contract.messages import (
     Stream,
 )
 
-__all__ = ["MAX_MACHINE_ID", "MAX_RUN_ID", "MAX_SESSION_ID", "SessionKey", "random_session_id"]
+__all__ = ["MAX_MACHINE_ID", "MAX_SESSION_ID", "SessionKey", "random_session_id"]
 
 MAX_MACHINE_ID = 2**16 - 1
 """Largest machine id; rows carry it as uint16."""
-
-MAX_RUN_ID = 2**32 - 1
-"""Largest number of a run; rows carry it as uint32."""
 
 MAX_SESSION_ID = 2**32 - 1
 """Largest session id; rows carry it as uint32."""

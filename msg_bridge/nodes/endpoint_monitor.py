@@ -104,7 +104,8 @@ class EndpointMonitor:
         for publisher in publishers:
             if publisher is not own:
                 what = f"another node, {node_name(publisher)}, also publishes {{}} of this node"
-                findings[Level.ERROR, what, _ANOTHER].add(_endpoint(topic, publisher))
+                remedy = _RESTARTED if node_name(publisher) == UNKNOWN_NODE else _ANOTHER
+                findings[Level.ERROR, what, remedy].add(_endpoint(topic, publisher))
 
     def _check_compatible(
         self, topic: str, subscriptions: Iterable[Subscription], findings: Findings

@@ -12,12 +12,16 @@ from msg_bridge.contract.messages import RowChunk, Stream
 
 __all__ = ["find_map_updates"]
 
+_MAX_OLDER = 100
+"""Number of successive messages before a map with older revisions, after which none is expected to
+be newer: rows that were lost are sent again among later ones."""
+
 
 def find_map_updates(index: MessageIndex, topic: str, number: int, end: int) -> list[int]:
     """Return the numbers of the messages with the updates that a map lacks, ascending.
 
-    Some are before it in the bag: the recorder repeats maps. They are found by their revision; of a
-    map without one, they are the messages behind it.
+    Some are before it in the bag: the recorder repeats maps. They are found by their revision. Of a
+    map without one, and of messages of earlier formats, they are the messages behind it.
 
     Args:
         index: the messages.
@@ -34,13 +38,19 @@ def find_map_updates(index: MessageIndex, topic: str, number: int, end: int) -> 
     if identity is None:
         return [int(each) for each in numbers[numbers > number]]
     found: list[int] = []
+    num_older = 0
     for each in numbers[::-1].tolist():
-        chunk = _decode(index.read(each))
-        if chunk is None or chunk.run_id != identity[0]:
+        chunk, is_behind = _decode(index.read(each)), each > number
+        if chunk is None:
+            is_needed = is_behind
+        else:
+            is_newer = int(chunk.rows["revision"][-1]) > identity[1]
+            is_needed = is_newer and chunk.run_id == identity[0]
+        if is_needed:
+            found.append(each)
+        num_older = 0 if is_needed or is_behind else num_older + 1
+        if num_older == _MAX_OLDER:
             break
-        if int(chunk.rows["revision"][-1]) <= identity[1]:
-            break
-        found.append(each)
     return found[::-1]
 
 

@@ -35,8 +35,9 @@ def main(argv: list[str]) -> None:
     parent_pid, module, *arguments = argv
     _terminate_with_parent(int(parent_pid))
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    faulthandler.enable()
-    faulthandler.register(STACKS_SIGNAL)
+    if sys.stderr is not None:
+        faulthandler.enable()
+        faulthandler.register(STACKS_SIGNAL)
     sys.argv = [module, *arguments]
     runpy.run_module(module, run_name="__main__", alter_sys=True)
 

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["SoilServices"]
 
+_MIN_SILENCE = 0.5
+"""Wall time without a message from which on a machine is not merely computing its tick [s]."""
+
 
 class SoilServices:
     """Service servers of a soil node."""
@@ -124,15 +127,22 @@ class SoilServices:
             ids = ", ".join(map(str, released))
             effects.append(f"soil left behind by machines {ids} becomes terrain in the next tick")
         response.success = bool(effects)
-        awaited = ", ".join(map(str, run.endpoint.exchange.late))
+        effects = effects or ["no machine has left soil behind"]
+        awaited = ", ".join(map(str, self._silent_machines()))
         if awaited and not (run.paused or run.realtime):
             effects.append(
                 f"the next tick waits for machines {awaited}, silent for less than machine_timeout"
                 f" ({run.params.machine_timeout:g} s): call again when it is over"
             )
-        response.message = "; ".join(effects) or "no machine has left soil behind"
+        response.message = "; ".join(effects)
         self._node.advance()
         return response
+
+    def _silent_machines(self) -> list[int]:
+        """Return the machines that the next tick waits for and that do not merely compute."""
+        times, now = self._node.last_message_times(), time.monotonic()
+        late = self._node.run.endpoint.exchange.late
+        return [n for n in late if now - times.get(n, now) > _MIN_SILENCE]
 
 
 def _time_of(tick: int) -> str:

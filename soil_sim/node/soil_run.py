@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from functools import partial
 
 from msg_bridge.contract.messages import MachineHeader, Message
-from msg_bridge.exchange.session_key import MAX_RUN_ID
 from soil_sim.endpoint import SoilEndpoint, SoilTickResult
 from soil_sim.node.contention import Contention
 from soil_sim.node.params import SoilNodeParams
@@ -29,6 +28,9 @@ __all__ = ["MAX_CHECK_INTERVAL", "SilentMachine", "SoilRun"]
 
 _MIN_KEYFRAME_RATE = 20e6
 """Rate at which a slow machine receives and decodes a terrain [B/s]."""
+
+_MAX_LEAD = 1_000_000
+"""Number of a run above the present time from which on no earlier soil can have had it."""
 
 MAX_CHECK_INTERVAL = 1.0
 """Wall time between two checks for silent machines [s] above which the soil node stood still."""
@@ -78,7 +80,7 @@ class SoilRun:
             site: initial terrain.
             soil_params: parameters of the soil.
             params: parameters of the tick.
-            run_id: id of the first run; `reset` increments it.
+            run_id: id of the first run; those after a `reset` are higher.
             journal: where the inputs of the runs are recorded.
             terrain_by_transport: as for `SoilEndpoint`.
 
@@ -172,7 +174,7 @@ class SoilRun:
         """
         run_id = self.endpoint.exchange.run_id
         is_tick = isinstance(message, MachineHeader) and message.is_tick
-        return is_tick and self.tick < 0 and run_id <= message.run_id < MAX_RUN_ID
+        return is_tick and self.tick < 0 and run_id <= message.run_id < run_id + _MAX_LEAD
 
     def resume(self, restored: RestoredSoil) -> None:
         """Continue a run that another process has begun."""

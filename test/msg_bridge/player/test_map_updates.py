@@ -19,6 +19,7 @@ from msg_bridge.contract.rows import MAP_UPDATE, empty_rows
 from msg_bridge.player.map_updates import find_map_updates
 
 MAP, UPDATES = "/terrain/map", "/terrain/map_updates"
+UNREADABLE = PointCloud2(data=[0])
 GRID = Grid(rows=2, cols=3, cell=1.0)
 
 
@@ -43,8 +44,18 @@ def update(revision: int, run_id: int = 1) -> PointCloud2:
         ([update(1), update(2), terrain_map(1)], [1]),
         ([update(8, run_id=1), terrain_map(0, run_id=2), update(1, run_id=2)], [2]),
         ([update(1), PointCloud2(), update(2)], [2]),
+        ([terrain_map(3), update(4), update(2), update(5), terrain_map(3), update(6)], [1, 3, 5]),
+        ([UNREADABLE, terrain_map(3), UNREADABLE, update(2), update(4)], [2, 4]),
     ],
-    ids=["behind it", "repeated", "received late", "next run", "of another program"],
+    ids=[
+        "behind it",
+        "repeated",
+        "received late",
+        "next run",
+        "of another program",
+        "sent again",
+        "of an earlier format",
+    ],
 )
 def test_updates_of_a_map_are_those_of_later_revisions(
     tmp_path: Path, messages: list[PointCloud2], expected: list[int]

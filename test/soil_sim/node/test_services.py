@@ -223,6 +223,10 @@ def test_release_states_that_a_machine_is_not_silent_for_long_enough(ros: Ros) -
     scene.until_tick(3)
     ros.remove(machine)
     ros.spin_until(lambda: scene.soil.run.endpoint.exchange.late, what="a tick without it")
+    last_message_times = scene.soil.last_message_times()
+    last_message_times[1] += 60.0  # it computes
+    assert scene.trigger("/soil/release").message == "no machine has left soil behind"
+    last_message_times[1] -= 61.0
     response = scene.trigger("/soil/release")
     assert not response.success
     assert "waits for machines 1, silent for less than machine_timeout (100 s)" in response.message
