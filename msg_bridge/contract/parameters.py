@@ -60,7 +60,10 @@ def parameter(
 
 @dataclass(frozen=True)
 class Parameters:
-    """Base class of parameter sets: each field made by `parameter` is validated when built."""
+    """Base class of parameter sets: each field made by `parameter` is validated when built.
+
+    A whole number for a parameter that is a float becomes one: kernels are compiled for floats.
+    """
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -69,6 +72,8 @@ class Parameters:
                 check_value(f"{type(self).__name__}.{field.name}", field, value)
                 if isinstance(value, list):
                     object.__setattr__(self, field.name, tuple(value))
+                elif isinstance(field.default, float):
+                    object.__setattr__(self, field.name, float(value))
 
     @classmethod
     def from_mapping(cls: type[P], values: Mapping[str, Any], *, prefix: str | None = None) -> P:

@@ -74,12 +74,13 @@ class SoilServices:
         self._node.advance()
         return tick
 
+    def cancel_steps(self) -> None:
+        """Let the requested single steps fail: the run ends."""
+        self._step_service.cancel()
+
     def _reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         node = self._node
-        self._step_service.cancel()
-        node.run.reset()
-        node.diagnostics.clear()
-        node.publish_run_start()
+        node.reset()
         run_id = node.run.endpoint.exchange.run_id
         response.success, response.message = True, f"run {run_id} starts on the initial terrain"
         node.get_logger().info(response.message)

@@ -229,6 +229,13 @@ class SoilNode(SimNode):
     def _set_params(self, params: SoilNodeParams) -> None:
         self._params = self.run.params = params
 
+    def reset(self, *, after: int = 0) -> None:
+        """Begin the next run; see `SoilRun.reset`."""
+        self._soil_services.cancel_steps()
+        self.run.reset(after=after)
+        self.diagnostics.clear()
+        self.publish_run_start()
+
     # Ticks.
 
     def _receive(self, message: Message) -> bool:
@@ -236,8 +243,7 @@ class SoilNode(SimNode):
             self.get_logger().info(
                 f"a machine takes part in run {message.run_id} of an earlier soil: the next begins"
             )
-            self.run.reset(after=message.run_id)
-            self.publish_run_start()
+            self.reset(after=message.run_id)
         return self.run.endpoint.receive(message)
 
     def _on_timer(self) -> None:

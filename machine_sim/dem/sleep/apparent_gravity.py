@@ -50,7 +50,7 @@ class ApparentGravity:
     """
 
     def __init__(self, gravity: float) -> None:
-        self.standard = float(gravity)
+        self.standard = gravity
         self._set_rows(np.zeros((0, 3)) for _ in GravityInTools._fields)
 
     def _set_rows(self, columns: Iterable[NDArray[np.float64]]) -> None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import re
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,84 +13,23 @@ import pytest
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Int64MultiArray, String
-from support.node_scenes import TICK, Scene, dig, machine_file, ready_to_dig
+from support.node_scenes import dig
+from support.replay_scenes import (
+    RecordedScene,
+    check_identical,
+    replay,
+)
 
 from earthmoving_sim.cli import main
-from earthmoving_sim.replay.recorded.run_survey import survey_runs
-from earthmoving_sim.replay.replay_result import ReplayResult
-from earthmoving_sim.replay.run_replay import RunReplay
-from machine_sim.node.machine_node import MachineNode
 from msg_bridge.audit.bag_audit import audit_bag
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.bag.writer import BagWriter
 from msg_bridge.codec.tick_headers import from_multi_array
 from msg_bridge.config_files import find_config
 from msg_bridge.contract.ledger import Ledger
-from msg_bridge.recorder.recorder_node import RecorderNode
 from msg_bridge.testing.ros_context import Ros
-from soil_sim.node.soil_node import SoilNode
 
-COMMAND_TIMEOUT = 60.0
 COMMANDS = "/excavator/applied_commands"
-
-
-class RecordedScene(Scene):
-    """A scene of nodes that is recorded from its begin."""
-
-    def __init__(self, ros: Ros, folder: Path, **parameters: object) -> None:
-        self.bag, self._folder = folder / "bag", folder
-        self._recorder = ros.add(
-            RecorderNode, parameters={"path": str(self.bag), "progress": False}
-        )
-        required = {"required_subscribers": ["exchange_recorder"]}
-        super().__init__(ros, hash_rate=20.0, **required, **parameters)
-
-    def digger(self, namespace: str = "/excavator", **parameters: object) -> MachineNode:
-        """Start an excavator that is ready to dig, and let it join."""
-        node = self.machine(
-            namespace,
-            machine=machine_file(self._folder, ready_to_dig()),
-            hash_rate=20.0,
-            **{
-                "commands.command_timeout": COMMAND_TIMEOUT,
-                "required_subscribers": ["exchange_recorder"],
-            },
-            **parameters,
-        )
-        machine_id = int(parameters.get("machine_id", 1))
-        self.ros.spin_until(lambda: machine_id in self.joined, what=f"machine {machine_id} to join")
-        return node
-
-    def finish(self) -> Path:
-        """End the recording and return the bag."""
-        self.until_tick(self.tick)
-        self._recorder.stop()
-        return self.bag
-
-
-def replay(bag: Path) -> list[ReplayResult]:
-    """Return the result of the replay of each run of a bag."""
-    reader = BagReader(bag)
-    results = []
-    for survey in survey_runs(reader):
-        run = RunReplay(reader, survey)
-        results.append(run.run())
-        run.close()
-    return results
-
-
-def swing(scene: Scene, node: MachineNode) -> None:
-    topic = f"{node.get_namespace()}/joint_commands"
-    publisher = scene.ros.publisher(topic, JointState, subscriptions=1)
-    publisher.publish(JointState(name=["swing"], velocity=[0.4]))
-
-
-def check_identical(results: Sequence[ReplayResult], topics: Sequence[str]) -> None:
-    for result in results:
-        assert result.difference is None, str(result.difference)
-        assert not result.ended_early
-        for topic in topics:
-            assert result.num_hashes[topic] > 5
 
 
 def record_dig(ros: Ros, folder: Path, **parameters: object) -> Path:
@@ -274,125 +212,6 @@ def test_other_soil_with_the_same_commands(
     assert "did you mean 'soil.soil'" in capsys.readouterr().err
     assert main(["replay", str(bag), "--what-if", "soil.swell:=9"]) == 2
     assert "soil.swell is 9;" in capsys.readouterr().err
-
-
-def test_machines_that_come_and_go_in_real_time(ros: Ros, tmp_path: Path) -> None:
-    scene = RecordedScene(
-        ros,
-        tmp_path,
-        sync="realtime",
-        overload="skip_ticks",
-        machine_timeout=0.5,
-        admit_other_machines=True,
-    )
-    first = scene.digger()
-    dig(scene, first, lambda ledger: ledger.particles > 10**7)
-    second = scene.digger("/late", machine_id=2, y=6.0)
-    scene.more_ticks(20)
-    swing(scene, second)
-    scene.soil.run.endpoint.exchange.drop(1)  # as if it had been silent: it rejoins with its soil
-    scene.ros.spin_until(lambda: 1 not in scene.joined, what="the drop")
-    scene.ros.spin_until(lambda: 1 in scene.joined, what="the machine to rejoin")
-    scene.more_ticks(20)
-    scene.ros.remove(first)  # as if it had been killed
-    scene.ros.spin_until(lambda: 1 not in scene.joined, what="the silent machine to be dropped")
-    assert scene.trigger("/soil/release").success
-    first = scene.digger()
-    scene.more_ticks(20)
-    scene.leave(second)
-    scene.more_ticks(10)
-    bag = scene.finish()
-    check_identical(replay(bag), ["/soil/state_hash", "/excavator/state_hash", "/late/state_hash"])
-    change = ["--what-if", "soil.swell:=3e-1", "--record", str(tmp_path / "other")]
-    assert main(["replay", str(bag), *change]) == 0
-    assert audit_bag(tmp_path / "other").passed
-    check_identical(replay(tmp_path / "other"), ["/soil/state_hash", "/late/state_hash"])
-
-
-def test_restarted_machine_that_missed_headers_of_a_soil_that_does_not_wait(
-    ros: Ros, tmp_path: Path
-) -> None:
-    """One header answers both ticks in flight, as those between them are not sent again."""
-    waits = {"sync": "realtime", "overload": "skip_ticks", "machine_timeout": 60.0}
-    scene = RecordedScene(ros, tmp_path, **waits)
-    parameters = {"recovery.path": str(tmp_path / "state")}
-    machine = scene.digger(**parameters)
-    swing(scene, machine)
-    scene.more_ticks(20)
-    ros.remove(machine)  # as if it had been killed
-    scene.more_ticks(20)
-    machine = scene.digger(**parameters)
-    scene.more_ticks(200)
-    check_identical(replay(scene.finish()), ["/soil/state_hash", "/excavator/state_hash"])
-
-
-def test_replay_ends_where_a_machine_continued_from_a_checkpoint(
-    ros: Ros, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Bodies of dynamic tracks touch, and their state, which is not exact, is not in the bag."""
-    scene = RecordedScene(ros, tmp_path, machine_timeout=0.5)
-    parameters = {
-        "stepping.track_model": "dynamic",
-        "recovery.path": str(tmp_path / "state"),
-        "recovery.checkpoint_period": 0.2,
-    }
-    machine = scene.digger(**parameters)
-    swing(scene, machine)
-    scene.more_ticks(100)
-    killed_at = machine.run.tick
-    ros.remove(machine)
-    machine = scene.digger(**parameters)
-    answered = machine.run.endpoint.exchange.tick
-    assert machine.run.tick < killed_at, "the ticks after the last state are skipped"
-    ros.spin_until(lambda: 1 not in scene.joined, what="the earlier session to end")
-    ros.spin_until(lambda: 1 in scene.joined, what="the machine to rejoin")
-    scene.more_ticks(20)
-    bag = scene.finish()
-    assert audit_bag(bag).passed
-    (result,) = replay(bag)
-    assert result.difference is None, str(result.difference)
-    assert "/excavator was restarted" in result.ended_early
-    assert f"answers up to tick {answered} instead of" in result.ended_early
-    assert not result.is_identical
-    assert result.last_tick >= killed_at - 1
-    assert main(["replay", str(bag)]) == 1
-    output = capsys.readouterr().out
-    assert f"replayed up to tick {result.last_tick} without a difference" in output
-    assert "identical" not in output
-
-
-def test_reset_begins_another_run(ros: Ros, tmp_path: Path) -> None:
-    scene = RecordedScene(ros, tmp_path)
-    machine = scene.digger()
-    swing(scene, machine)
-    scene.until_tick(40)
-    assert scene.trigger("/sim/reset").success
-    scene.ros.spin_until(lambda: 1 in scene.joined, what="the machine to join again")
-    scene.until_tick(40)
-    second = scene.soil.run.endpoint.exchange.run_id
-    bag, state = scene.finish(), str(tmp_path / "state")
-    results = replay(bag)
-    assert len(results) == 2
-    check_identical(results, ["/soil/state_hash", "/excavator/state_hash"])
-    of_second = ["replay", str(bag), "--run", str(second)]
-    assert main([*of_second, "--until", "20", "--save", state]) == 0
-    assert main([*of_second, "--from", state]) == 0
-
-
-def test_restarted_soil_begins_another_run_with_another_tick_period(
-    ros: Ros, tmp_path: Path
-) -> None:
-    scene = RecordedScene(ros, tmp_path)
-    machine = scene.digger()
-    swing(scene, machine)
-    scene.until_tick(40)
-    first = scene.soil.run.endpoint.exchange.run_id
-    ros.remove(scene.soil)
-    ros.spin_until(lambda: time.time() >= first + 1, what="another run id, which is the time")
-    scene.soil = ros.add(SoilNode, parameters={**scene.given, "tick_period": 2 * TICK})
-    run = scene.soil.run.endpoint.exchange
-    ros.spin_until(lambda: run.tick >= 40, what="the ticks of the other run")
-    check_identical(replay(scene.finish()), ["/soil/state_hash", "/excavator/state_hash"])
 
 
 def test_bag_of_an_older_version_is_rejected_with_the_reason(

@@ -212,3 +212,13 @@ def test_run_with_sleeping_particles_is_reproducible_bit_for_bit() -> None:
         )  # fmt: skip
 
     assert final_state() == final_state()
+
+
+def test_load_weighs_by_the_gravity_of_its_engine_after_one_with_an_integer() -> None:
+    """Kernels keep the types of their first call."""
+    for gravity in (10, 9.5):
+        world = loaded_box(gravity=gravity)
+        run(world, 0.1)
+        assert (world.sleep_states >= FIRST_LOCKED_TOOL).all()
+        weight = -world.tool_wrench(0)[0][2]
+        assert weight == pytest.approx(gravity * float(world.masses.sum()), rel=1e-6)
