@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,10 @@ _MAX_NEWTON_STEPS = 100
 _MAX_SURPLUS = 1e-6
 """Maximum imbalance of forces and moments [m] at the equilibrium, as a fraction of the weight."""
 
+_MIN_DEPTH_RATIO = 1e-3
+"""Depth from which the stiffness of the ground counts, as a fraction of that under a share of the
+weight: at the surface of soil whose pressure grows with less than the depth it is infinite."""
+
 _RIDGE = 1e-3
 """Stiffness that all points add to that of the touching ones, so that any of them are enough."""
 
@@ -37,9 +42,7 @@ def standing_pose(
 ) -> tuple[Array, Array]:
     """Return the pose of the base frame on the ground at (x, y) [m] with a heading `yaw` [rad].
 
-    The tracks stand on the plane of best fit to the ground under them, at the depth to which the
-    weight presses them in. Rigid ground would throw off tracks that are in it: where some of the
-    ground is rigid, they stand in static equilibrium.
+    The machine stands in static equilibrium, pressed into the ground by its weight.
 
     Returns:
         Position [m], map frame, shape (3,), and rotation matrix base to map, shape (3, 3).
@@ -66,14 +69,10 @@ def standing_pose(
     )
     basis = np.column_stack([np.ones_like(forward_offsets), forward_offsets, left_offsets])
     plane = np.linalg.lstsq(basis, heights, rcond=None)[0]
-    rotation = _rotation(plane, yaw)
-    normal = rotation[:, 2]
-    depths, is_rigid = _static_depths(spec, ground, points, spec.mass * GRAVITY * float(normal[2]))
-    if is_rigid.any():
-        plane = _equilibrium_plane(plane, basis, heights, depths)
-        return np.array([x, y, plane[0]]), _rotation(plane, yaw)
-    sinkage = min(float(np.mean(depths)), spec.tracks.sprocket_radius)
-    return np.array([x, y, plane[0]]) - sinkage * normal, rotation
+    upright = float(_rotation(plane, yaw)[2, 2])
+    carriers = _carriers(spec, ground, points, spec.mass * GRAVITY * upright)
+    plane = _equilibrium_plane(plane, basis, heights, carriers)
+    return np.array([x, y, plane[0]]), _rotation(plane, yaw)
 
 
 def _rotation(plane: Array, yaw: float) -> Array:
@@ -92,33 +91,36 @@ def _rotation(plane: Array, yaw: float) -> Array:
     return np.column_stack([forward, np.cross(normal, forward), normal])
 
 
-def _equilibrium_plane(plane: Array, basis: Array, heights: Array, depths: Array) -> Array:
+def _equilibrium_plane(plane: Array, basis: Array, heights: Array, carriers: _Carriers) -> Array:
     """Return the plane on which the forces of the ground carry the weight, in the middle.
 
-    Each point is a spring that carries its share of the weight at its depth and does not pull. The
-    equilibrium is the minimum of a convex energy, by Newton's method with a line search.
+    The ground does not pull. The equilibrium is the minimum of a convex energy, by Newton's method
+    with a line search.
 
     Args:
         plane: first guess: height [m], slopes forward and to the left, shape (3,).
         basis: 1 and the offsets forward and to the left [m] of each point, shape (n, 3).
         heights: ground at the points [m], shape (n,).
-        depths: depth of each point under its share of the weight [m], shape (n,).
+        carriers: how the ground carries at the points.
     """
+    depths, exponents = carriers
     weight = float(len(heights))  # in shares
-    transposed = basis.T / depths  # forces and moments of the points by their depth
-    ridge = _RIDGE * transposed @ basis
+    ridge = _RIDGE * (basis.T / depths) @ basis
 
     def energy(plane: Array) -> float:
-        penetration = np.maximum(heights - basis @ plane, 0.0)
-        return float(0.5 * (penetration / depths) @ penetration + weight * plane[0])
+        ratio = np.maximum(heights - basis @ plane, 0.0) / depths
+        work = depths * ratio ** (exponents + 1.0) / (exponents + 1.0)
+        return float(work.sum() + weight * plane[0])
 
     for _ in range(_MAX_NEWTON_STEPS):
-        penetration = np.maximum(heights - basis @ plane, 0.0)
-        surplus = transposed @ penetration - [weight, 0.0, 0.0]
+        ratio = np.maximum(heights - basis @ plane, 0.0) / depths
+        surplus = ratio**exponents @ basis - [weight, 0.0, 0.0]
         if np.abs(surplus).max() < _MAX_SURPLUS * weight:
             break
-        touching = penetration > 0.0
-        step = np.linalg.solve(ridge + transposed[:, touching] @ basis[touching], surplus)
+        is_touching = ratio > 0.0
+        at_least = np.maximum(ratio, _MIN_DEPTH_RATIO)
+        stiffness = np.where(is_touching, exponents * at_least ** (exponents - 1.0) / depths, 0.0)
+        step = np.linalg.solve(ridge + (basis.T * stiffness) @ basis, surplus)
         before = energy(plane)
         while energy(plane + step) > before:
             step *= 0.5
@@ -140,16 +142,23 @@ def _check_map_size(spec: MachineSpec, grid: Grid) -> None:
         )
 
 
-def _static_depths(
-    spec: MachineSpec, ground: Ground, points: Array, weight: float
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the depth [m] at which each point carries its share of a weight [N].
+class _Carriers(NamedTuple):
+    """How the ground carries at some points.
 
-    It is the larger of the deflection of the contact springs and the depth at which Bekker's
-    pressure carries the weight.
+    Attributes:
+        depths: depth at which a point carries its share of the weight [m], shape (n,).
+        exponents: of the depth in the law of the force, shape (n,).
+    """
 
-    Returns:
-        Depths, and whether the ground is rigid, shape (n,) each.
+    depths: Array
+    exponents: Array
+
+
+def _carriers(spec: MachineSpec, ground: Ground, points: Array, weight: float) -> _Carriers:
+    """Return how the ground carries the points under the tracks, which share a weight [N].
+
+    The law is that of the softer of the contact springs and the soil, whose pressure grows with
+    the depth as Bekker states.
     """
     tracks = spec.tracks
     num_loaded_shoes = 2.0 * tracks.axle_distance / tracks.pitch
@@ -160,11 +169,13 @@ def _static_depths(
     col = np.clip(np.rint(grid.col(points[:, 1])), 0, grid.cols - 1).astype(np.int64)
     table = soil_coefficients(ground.soils, tracks.shoe_width)
     coefficients = table[ground.soil[row, col], ground.moisture[row, col]]
-    depths = [
-        max((pressure / modulus) ** (1.0 / exponent), deflection) if modulus else deflection
-        for modulus, exponent in coefficients[:, [BEKKER_MODULUS, BEKKER_N]].tolist()
-    ]
-    return np.array(depths), coefficients[:, BEKKER_MODULUS] == 0.0
+    moduli, exponents = coefficients[:, [BEKKER_MODULUS, BEKKER_N]].T
+    yields = moduli > 0.0  # the ground is not rigid
+    sinkages = np.zeros(len(points))
+    sinkages[yields] = (pressure / moduli[yields]) ** (1.0 / exponents[yields])
+    # A machine does not begin deeper than its wheels, which it could not leave.
+    depths = np.clip(sinkages, deflection, tracks.sprocket_radius)
+    return _Carriers(depths, np.where(sinkages > deflection, exponents, 1.0))
 
 
 def _footprint(tracks: TrackSpec) -> tuple[Array, Array]:

@@ -7,9 +7,11 @@ from support.machine_scenes import GRID
 from machine_sim.ground import Ground
 from machine_sim.machine import MachineError
 from machine_sim.machine.tracks.placement import standing_pose
+from machine_sim.params import MachineSimParams
 from machine_sim.simulated_machine import Placement
 from machine_sim.simulation import MachineSim
 from msg_bridge.contract.grid import Grid
+from soil_sim.soils.soil_types import load_soil_types
 
 
 def level_ground(rows: int, cols: int) -> Ground:
@@ -37,13 +39,17 @@ def test_machine_stands_on_a_map_as_large_as_its_tracks(spec, rows, cols):
     assert rotation == pytest.approx(np.eye(3))
 
 
+@pytest.mark.parametrize("soil_name", ["reference", "loam", "wet clay"])
 @pytest.mark.parametrize(("height", "x", "y"), [(1.5, 1.8, 1.2), (1.0, 0.0, 0.0), (-1.5, 0.0, 0.0)])
-def test_machine_on_a_heap_or_pit_of_rigid_ground_is_not_thrown_off(spec, height, x, y):
+def test_machine_on_a_heap_or_pit_neither_jumps_nor_drops(spec, height, x, y, soil_name):
     """The cone is higher, or deeper, than the plane of best fit under the tracks by up to 0.5 m."""
     rows, cols = np.arange(GRID.rows)[:, None], np.arange(GRID.cols)[None, :]
     distance = np.hypot(GRID.x(rows) - x, GRID.y(cols) - y)
     cone = np.sign(height) * np.maximum(abs(height) - 0.6 * distance, 0.0)
-    sim = MachineSim([Placement(spec)], GRID, cone)
+    soil = load_soil_types()[soil_name].loose_soil
+    moisture = np.full(GRID.shape, soil.moisture, dtype=np.uint8)
+    params = MachineSimParams(track_model="dynamic")  # of both models the one that jumps higher
+    sim = MachineSim([Placement(spec)], GRID, cone, params=params, soils=[soil], moisture=moisture)
     before = sim.machine.base_pose[0][2]
     rises = []
     for _ in range(100):
