@@ -178,7 +178,8 @@ class CommandArbiter:
             now: time of arrival [s].
             stamp: stamp of the message [s], None if it has none.
             sim_now: present simulation time [s].
-            effect_time: start of the tick in which it takes effect [s], if later than `now`.
+            effect_time: start of the tick in which it takes effect [s]. If it is past, the command
+                has arrived before: it lasts no longer, and does not replace a newer one.
         """
         arrival = self._check_arrival(now, stamp, sim_now)
         setpoints = self._parser.parse_joints(names, velocity, position)
@@ -281,11 +282,18 @@ class CommandArbiter:
         """Put setpoints in force now or later, and return them; none if the stop is active."""
         if self._is_stopped:
             return {}
-        if effect_time is not None and effect_time > arrival + _TIME_TOLERANCE:
-            self._delayed = (*self._delayed, _DelayedCommand(effect_time, setpoints, source))
-            return setpoints
-        commands = {i: _ActiveCommand(each, source, arrival) for i, each in setpoints.items()}
-        self._active = {**self._active, **commands}
+        if effect_time is not None:
+            if effect_time > arrival + _TIME_TOLERANCE:
+                self._delayed = (*self._delayed, _DelayedCommand(effect_time, setpoints, source))
+                return setpoints
+            arrival = min(arrival, effect_time)
+        active = self._active
+        commands = {
+            i: _ActiveCommand(each, source, arrival)
+            for i, each in setpoints.items()
+            if effect_time is None or i not in active or active[i].arrival <= arrival
+        }
+        self._active = {**active, **commands}
         return setpoints
 
     def _put_due_in_force(self, time: float) -> None:

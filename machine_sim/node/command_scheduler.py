@@ -73,16 +73,35 @@ class CommandScheduler:
         Args:
             stamp: simulation time of the state that the command answers [s].
             deliver: passes the command to the arbiter with the simulation time at which it takes
-                effect [s], None: now; and returns whether it was valid.
+                effect, or took effect when it arrived first [s], None: now; and returns whether it
+                was valid.
         """
-        tick, now = round(stamp / self._facts.tick_period), self._endpoint.tick
-        is_answer = tick <= max(now, 0) + max(self._wait_period, _MAX_TICKS_AHEAD)
-        is_delayed = is_answer and self._delay_ticks > 0
-        effect_time = (tick + self._delay_ticks) * self._facts.tick_period if is_delayed else None
+        tick = round(stamp / self._facts.tick_period)
+        ticks_ahead = tick - max(self._endpoint.tick, 0)
+        is_answer = ticks_ahead <= max(self._wait_period, _MAX_TICKS_AHEAD)
         self.last_stamp = stamp
-        if deliver(effect_time) and is_answer:
+        if deliver(self._effect_time(tick) if is_answer else None) and is_answer:
             self._last_answered_tick = max(self._last_answered_tick, tick)
             self._unanswered.discard(tick)
+
+    def _effect_time(self, tick: int) -> float | None:
+        """Return when the answer to the state of a tick takes, or took, effect [s]; None: now.
+
+        A state that is repeated while its answer is awaited is answered several times. The effect
+        must not depend on how often, nor on when the last of the answers arrives. A stamp of 0 may
+        mean that there is none, so that the answer to that state always arrives now.
+        """
+        effect_tick = tick + self._delay_ticks
+        if effect_tick > self._endpoint.tick:
+            has_effect_time = self._delay_ticks > 0
+        else:
+            has_effect_time = tick > 0 and self._awaits_answer_to(tick)
+        return effect_tick * self._facts.tick_period if has_effect_time else None
+
+    def _awaits_answer_to(self, tick: int) -> bool:
+        """Return whether a tick waits until the state of this one is answered."""
+        is_awaited = self._wait_period > 0 and tick >= 0 and tick % self._wait_period == 0
+        return is_awaited and not self._facts.realtime
 
     @property
     def awaited_stamp(self) -> float | None:
@@ -90,8 +109,7 @@ class CommandScheduler:
         this stamp, or a later one, is missing. None if the next tick waits for none.
         """
         answered = self._endpoint.tick - self._delay_ticks
-        is_awaited = self._wait_period > 0 and answered >= 0 and answered % self._wait_period == 0
-        if self._facts.realtime or not is_awaited:
+        if not self._awaits_answer_to(answered):
             return None
         if answered <= self._resumed_tick:
             is_missing = answered in self._unanswered
@@ -120,7 +138,7 @@ class CommandScheduler:
         self._unanswered = {
             answered
             for answered in range(max(tick - self._delay_ticks, 0), tick + 1)
-            if answered % self._wait_period == 0 and answered not in arrived
+            if self._awaits_answer_to(answered) and answered not in arrived
         }
 
     def accept_later_answers(self) -> None:

@@ -112,7 +112,9 @@ class CommandSubscriptions:
             return
         number = info["publication_sequence_number"]
         if isinstance(msg, (JointState, TwistStamped)):
-            deliver = partial(self._deliver_stamped, topic, number, partial(take, msg, clock))
+            deliver = partial(
+                self._deliver_stamped, topic, number, clock.sim_time, partial(take, msg, clock)
+            )
             clock.receive(seconds_from_stamp(msg.header.stamp), deliver)
         else:
             self._deliver(topic, number, partial(take, msg, clock))
@@ -121,12 +123,13 @@ class CommandSubscriptions:
         self,
         topic: str,
         number: int | None,
+        sim_now: float,
         take: Callable[[float | None], Setpoints],
         effect_time: float | None,
     ) -> bool:
         """Deliver a command that takes effect at a simulation time [s], None: now."""
         is_valid = self._deliver(topic, number, partial(take, effect_time))
-        if is_valid and effect_time is not None:
+        if is_valid and effect_time is not None and effect_time > sim_now:
             self._record()
         return is_valid
 

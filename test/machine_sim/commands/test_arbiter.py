@@ -225,6 +225,16 @@ def test_delayed_commands_take_effect_in_the_order_of_their_times(make_arbiter):
     assert joints(arbiter, 0.43)[1] == 0.3, "both are due"
 
 
+def test_repeated_command_lasts_no_longer_and_replaces_no_newer_one(make_arbiter):
+    arbiter = make_arbiter()
+    arbiter.receive_twist(0.5, 0.0, 0.0, effect_time=0.0)
+    arbiter.receive_joints(["boom"], [0.2], [], 0.1, effect_time=0.1)
+    arbiter.receive_twist(0.5, 0.0, 0.1, effect_time=0.0)
+    arbiter.receive_joints(["boom"], [0.1], [], 0.1, effect_time=0.0)
+    assert [tracks(arbiter, t) for t in (0.3, 0.31)] == [[0.5, 0.5], [0.0, 0.0]]
+    assert joints(arbiter, 0.31)[1] == 0.2
+
+
 @pytest.mark.parametrize("end", ["reset", "stop"])
 def test_reset_and_emergency_stop_drop_delayed_commands(make_arbiter, end):
     arbiter = make_arbiter()

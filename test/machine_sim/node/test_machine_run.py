@@ -13,6 +13,7 @@ from support.machine_scenes import GRID, excavator
 from machine_sim.commands import AppliedCommand, CommandArbiter
 from machine_sim.dem import ParticleParams
 from machine_sim.machine.errors import MachineError
+from machine_sim.node.command_scheduler import CommandScheduler
 from machine_sim.node.machine_instance import MachineInstance
 from machine_sim.node.machine_run import MachineRun
 from machine_sim.node.params import MachineInstanceParams, MachineNodeParams
@@ -273,7 +274,35 @@ def test_late_command_takes_effect_at_once(make: MakeRun) -> None:
     soil, delivered = Soil(run), []
     soil.ticks(5)
     run.schedulers[0].receive(0.01, lambda effect: not delivered.append(effect))
-    assert delivered == [pytest.approx(0.03)]
+    assert delivered == [None]
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_answers_to_a_repeated_state_change_nothing(make: MakeRun, delay: int) -> None:
+    """The joint of the first answers expires later than they arrive again."""
+    applied: list[list[float]] = []
+    for num_repetitions in (0, 3):
+        run = make(command_wait_period=1, command_delay=delay)
+        soil, scheduler = Soil(run), run.schedulers[0]
+
+        def answer(tick: int, scheduler: CommandScheduler = scheduler) -> None:
+            def deliver(effect_time: float | None) -> bool:
+                joint = "boom" if tick < 3 else "arm"
+                scheduler.arbiter.receive_joints(
+                    [joint], [0.1 + 0.01 * tick], [], scheduler.sim_time, effect_time=effect_time
+                )
+                return True
+
+            scheduler.receive(0.01 * tick, deliver)
+
+        applied.append([])
+        for tick in range(40):
+            answer(tick)
+            for _ in range(num_repetitions if tick > 1 else 0):  # a stamp of 0 is none
+                answer(tick - 1)
+            applied[-1] += soil.tick()[0].joints.tolist()
+    assert applied[0] == applied[1]
+    assert pytest.approx(0.12) in applied[0]
 
 
 def test_commands_are_not_delayed_in_real_time(make: MakeRun) -> None:
