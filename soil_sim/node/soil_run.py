@@ -139,6 +139,7 @@ class SoilRun:
         done = self.endpoint.advance(wait=not (late or alone), record=record)
         if done is not None:
             self._final_tick_pending = False
+            self._has_had_machines |= bool(self.endpoint.exchange.joined)
             self._update_cut_fill(done)
         if paced:
             self._record_lateness(now, is_done=done is not None)
@@ -174,11 +175,14 @@ class SoilRun:
         """
         run_id = self.endpoint.exchange.run_id
         is_tick = isinstance(message, MachineHeader) and message.is_tick
-        return is_tick and self.tick < 0 and run_id <= message.run_id < run_id + _MAX_LEAD
+        # Later the message may be of a machine that took part, and the next run would lose soil.
+        is_unused = not self._has_had_machines
+        return is_tick and is_unused and run_id <= message.run_id < run_id + _MAX_LEAD
 
     def resume(self, restored: RestoredSoil) -> None:
         """Continue a run that another process has begun."""
         self.endpoint = restored.endpoint
+        self._has_had_machines = True  # perhaps: its messages are answered, whoever sends them
         self.paused, self._requested_tick = restored.time
         self.cut_fill = self._site.cut_fill(self.endpoint.soil.columns.height)
 
@@ -301,6 +305,7 @@ class SoilRun:
             terrain_by_transport=self._terrain_by_transport,
         )
         self._contention = Contention()
+        self._has_had_machines = False  # whether a machine has taken part in this run
         self._requested_tick = 0
         self._final_tick_pending = False
 
