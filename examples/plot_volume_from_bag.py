@@ -1,4 +1,4 @@
-"""Plot the payload and the volume of soil in motion from a recording.
+"""Plot the payload of each machine and the volume of soil in motion from a recording.
 
     python examples/plot_volume_from_bag.py bags/demo-2026-01-31T12-00-00Z
 
@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from msg_bridge.bag.reader import BagReader
 
-LEDGER, PAYLOAD = "/soil/ledger", "/excavator/payload"
+LEDGER, PAYLOAD, PAYLOAD_TYPE = "/soil/ledger", "/payload", "std_msgs/msg/Float64MultiArray"
 
 
 def values(msg: Any) -> dict[str, float]:
@@ -26,15 +26,31 @@ def values(msg: Any) -> dict[str, float]:
 
 def plot(bag: Path, picture: Path) -> None:
     """Plot a recording, and print the worst imbalance of its ledger."""
-    rows: dict[str, list[dict[str, float]]] = {LEDGER: [], PAYLOAD: []}
-    for topic, _, msg in BagReader(bag).messages([LEDGER, PAYLOAD]):
+    reader = BagReader(bag)
+    payloads = [
+        topic
+        for topic, info in reader.topics.items()
+        if topic.endswith(PAYLOAD) and info.type == PAYLOAD_TYPE
+    ]
+    if not payloads:
+        raise ValueError(f"{bag} has no payload of a machine, that is no topic <machine>{PAYLOAD}")
+    rows: dict[str, list[dict[str, float]]] = {topic: [] for topic in (LEDGER, *payloads)}
+    for topic, _, msg in reader.messages(rows):
         rows[topic].append(values(msg))
+    ledger = rows[LEDGER]
+    if not ledger:
+        raise ValueError(f"{bag} has no message on {LEDGER}")
 
     figure = Figure(figsize=(8, 6), layout="constrained")
     top, bottom = figure.subplots(2)
-    payload, ledger = rows[PAYLOAD], rows[LEDGER]
-    top.plot([row["time_s"] for row in payload], [row["bank_m3"] for row in payload])
+    for topic in payloads:
+        payload = rows[topic]
+        name = topic.removesuffix(PAYLOAD)
+        top.plot(
+            [row["time_s"] for row in payload], [row["bank_m3"] for row in payload], label=name
+        )
     top.set(xlabel="simulation time [s]", ylabel="payload [bank m³]")
+    top.legend()
     for name in ("particles", "pending", "in_flight"):
         bottom.plot(
             [row["tick"] for row in ledger], [1e-9 * row[name] for row in ledger], label=name
@@ -44,7 +60,8 @@ def plot(bag: Path, picture: Path) -> None:
     picture.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(picture)
     imbalance = max(abs(row["imbalance"]) for row in ledger)
-    print(f"{picture}: {len(ledger)} ticks, imbalance {imbalance:.0f} mm3 at worst")
+    machines = ", ".join(topic.removesuffix(PAYLOAD) for topic in payloads)
+    print(f"{picture}: {machines}; {len(ledger)} ticks, imbalance {imbalance:.0f} mm3 at worst")
 
 
 def main() -> None:

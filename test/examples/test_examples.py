@@ -72,7 +72,7 @@ def test_help_of_each_example_is_printed_quickly(path: Path) -> None:
     ("name", "arguments", "error"),
     [
         ("plot_volume_from_bag", ["nosuch"], "there is no bag nosuch"),
-        ("plot_volume_from_bag", ["bags/format_2"], "has no topic /excavator/payload"),
+        ("plot_volume_from_bag", ["bags/format_2"], "has no payload of a machine"),
         ("analyse_bags", ["nosuch"], "there is no bag nosuch"),
         ("stop_when_full", ["--fill", "9"], "--fill is 9; give more than 0, and at most 1"),
     ],
@@ -231,7 +231,7 @@ def test_own_terrain_rises_toward_x_with_its_heap_at_positive_y(tmp_path: Path) 
     assert height(5.0, 12.0) - height(5.0, -12.0) == pytest.approx(1.5, abs=0.1)
 
 
-def test_plot_volume_from_bag_writes_a_picture(tmp_path: Path) -> None:
+def test_plot_volume_from_bag_draws_the_payload_of_any_machine(tmp_path: Path) -> None:
     recording = Recording()
     for tick in range(5):
         volume = tick * 10**8
@@ -248,9 +248,11 @@ def test_plot_volume_from_bag_writes_a_picture(tmp_path: Path) -> None:
             1e-9 * volume, 1.2e-9 * volume, 160.0 * tick, 0.1 * tick, 0.01 * tick
         )
         recording.add("/soil/ledger", to_multi_array(ledger))
-        recording.add("/excavator/payload", to_payload_array(payload))
+        for machine in ("/digger", "/site/dumper"):
+            recording.add(f"{machine}/payload", to_payload_array(payload))
     bag, picture = recording.write_folder(tmp_path / "bag"), tmp_path / "volume.png"
-    assert "imbalance 0 mm3" in run("plot_volume_from_bag", bag, picture).stdout
+    output = run("plot_volume_from_bag", bag, picture).stdout
+    assert "/digger, /site/dumper; 5 ticks, imbalance 0 mm3" in output
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
