@@ -20,6 +20,16 @@ class ReceivedNumbers:
         self._starts: list[int] = []
         self._ends: list[int] = []  # exclusive
 
+    @property
+    def first(self) -> int | None:
+        """Smallest number; None without any."""
+        return self._starts[0] if self._starts else None
+
+    @property
+    def num_missing(self) -> int:
+        """How many numbers between the smallest and the largest one were not received."""
+        return sum(start - end for start, end in zip(self._starts[1:], self._ends, strict=False))
+
     def add(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Add numbers; return which of them are new.
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-__all__ = ["PayloadCycle", "find_cycles"]
+__all__ = ["LOADED", "PayloadCycle", "find_cycles"]
 
-_LOADED = 0.3
+LOADED = 0.3
 _EMPTY = 0.15
 """Fractions of the largest payload above which a machine is loaded, and below which it is empty.
 
@@ -42,7 +42,7 @@ def find_cycles(samples: Iterable[tuple[float, float]]) -> list[PayloadCycle]:
     cycles: list[PayloadCycle] = []
     last_end, peak = samples[0][0], 0.0
     for time, volume in samples:
-        if volume > _LOADED * largest or peak:
+        if volume > LOADED * largest or peak:
             peak = max(peak, volume)
         if peak and volume < _EMPTY * largest:
             cycles.append(PayloadCycle(time, peak - volume, time - last_end))

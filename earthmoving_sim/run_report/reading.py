@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 
 from earthmoving_sim.run_report.machine_handlers import MachineHandlers
-from earthmoving_sim.run_report.run_data import Handler, RunData, parse_config
+from earthmoving_sim.run_report.run_data import Handler, RunData, labelled, parse_config
 from earthmoving_sim.run_report.soil_handlers import SoilHandlers
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.contract import topics
@@ -21,6 +21,7 @@ _PROGRESS_INTERVAL = 2000  # messages
 _MAX_DIFFERENCE = 10.0
 """Difference from the time of the ledger above which a stamp is that of another clock [s]."""
 _SIM_CONFIG = f"/{topics.SIM_CONFIG}"
+_LEDGER = f"/{topics.SOIL_LEDGER}"
 
 
 def read_runs(
@@ -65,7 +66,7 @@ class _Reading:
         self.run = RunData()
         self.run_ids: list[int] = []
         self.is_simulation = f"/{topics.SOIL_TICK}" in reader.topics
-        self._has_ledger = f"/{topics.SOIL_LEDGER}" in reader.topics
+        self._has_ledger = _LEDGER in reader.topics and reader.topics[_LEDGER].count > 0
         self._reader, self._wanted_id = reader, run_id
         self._present_id: int | None = None
         self._soil, self._machines = SoilHandlers(self), MachineHandlers(self)
@@ -86,7 +87,9 @@ class _Reading:
         try:
             message = self._reader.decode(topic, data, log_time)
             if topic == _SIM_CONFIG:
-                self._begin_run(message)
+                self._begin_run(int(parse_config(message.data)["run"]["run_id"]))
+            elif topic == _LEDGER:
+                self._note_run(int(labelled(message)["run_id"]))
             if self._wanted_id is not None and self._present_id not in (self._wanted_id, None):
                 return
             self.run.first_log = log_time if self.run.first_log is None else self.run.first_log
@@ -95,9 +98,16 @@ class _Reading:
         except (EarthmovingError, ValueError, TypeError, KeyError, IndexError, yaml.YAMLError):
             self.run.malformed[topic] += 1
 
-    def _begin_run(self, message: Any) -> None:
-        """Begin with empty data if a configuration is that of another run."""
-        run_id = int(parse_config(message.data)["run"]["run_id"])
+    def _note_run(self, run_id: int) -> None:
+        """Begin with the run of a ledger if no configuration of it, or of a later one, was read.
+
+        A bag may begin in the middle of a run, and have its configuration later or never.
+        """
+        if self._present_id is None or run_id > self._present_id:
+            self._begin_run(run_id)
+
+    def _begin_run(self, run_id: int) -> None:
+        """Begin with empty data if the run is another one than before."""
         self._present_id = run_id
         if run_id not in self.run_ids:
             self.run_ids.append(run_id)

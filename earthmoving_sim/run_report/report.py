@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from earthmoving_sim.run_report.charts import Line, Panel, draw_panels
 from earthmoving_sim.run_report.machine_charts import draw_machine_charts
 from earthmoving_sim.run_report.machine_section import add_machine
 from earthmoving_sim.run_report.page import GENERATOR, Page
+from earthmoving_sim.run_report.production import add_production
 from earthmoving_sim.run_report.reading import read_runs
 from earthmoving_sim.run_report.run_data import RunData
 from earthmoving_sim.run_report.run_sections import (
@@ -24,7 +25,6 @@ from earthmoving_sim.run_report.run_sections import (
     add_timing,
 )
 from earthmoving_sim.run_report.summary import RunSummary, summarise
-from earthmoving_sim.run_report.trace import Trace
 from msg_bridge.bag.atomic_file import BagError, write_error
 from msg_bridge.bag.reader import BagReader
 
@@ -33,7 +33,6 @@ __all__ = ["Report", "signed_volume", "write_report"]
 _PAGE = "index.html"
 _MIN_RATE_STEPS = 30
 _RATE_WINDOWS = 60
-_HOUR = 3600.0
 
 
 @dataclass(frozen=True)
@@ -135,7 +134,7 @@ def _page(
     page = Page(title or f"Report on {reader.path.resolve().name}", str(reader.path))
     add_overview(page, reader, run, summary, run_ids)
     _add_terrain(page, run, summary, folder)
-    _add_accounts(page, run, folder)
+    _add_accounts(page, run, summary, folder)
     for name, machine in summary.machines.items():
         data = run.machines[name]
         charts = draw_machine_charts(name, data, machine, folder)
@@ -150,7 +149,8 @@ def _add_terrain(page: Page, run: RunData, summary: RunSummary, folder: Path) ->
     page.section("Terrain")
     terrain = run.terrain
     if terrain.grid is None or summary.cut is None or summary.fill is None:
-        page.note("The bag has no terrain map.")
+        updates = " It has updates of one, which are not enough." if terrain.has_updates else ""
+        page.note(f"The bag has no terrain map.{updates}")
         return
     if summary.cut + summary.fill > 0.0:
         record = SiteRecord(
@@ -182,6 +182,12 @@ def _add_terrain(page: Page, run: RunData, summary: RunSummary, folder: Path) ->
         " than at the begin; the volumes in the picture are those between the surfaces, in which"
         " loose soil takes more room."
     )
+    if terrain.start_revision > 0:
+        page.note(
+            f"The first terrain map in the bag is of {terrain.start_time:.2f} s, after the terrain"
+            f" had changed in {terrain.start_revision:,} ticks: cut and fill are those since then."
+            " What was before is not known."
+        )
 
 
 def signed_volume(volume: float) -> str:
@@ -190,11 +196,28 @@ def signed_volume(volume: float) -> str:
     return f"{volume:+.{decimals}f}"
 
 
-def _add_accounts(page: Page, run: RunData, folder: Path) -> None:
+def _add_accounts(page: Page, run: RunData, summary: RunSummary, folder: Path) -> None:
     page.section("Where the soil is")
-    if not run.accounts:
+    if run.accounts:
+        _add_ledger(page, run, folder)
+    else:
         page.note("The bag has no ledger (/soil/ledger).")
-        return
+    if run.excavated or run.deposited:
+        add_production(page, run, folder)
+    if summary.earlier_conversions:
+        page.note(
+            f"The bag lacks the first {summary.earlier_conversions:,} conversion rows of the run:"
+            " what was loosened and deposited before the recording is not in these volumes."
+        )
+    if summary.missing_conversions:
+        page.note(
+            f"The bag lacks {summary.missing_conversions:,} conversion rows within the recording,"
+            " so these volumes are too small; `earthmoving audit` names the ticks."
+        )
+
+
+def _add_ledger(page: Page, run: RunData, folder: Path) -> None:
+    """Add the accounts of the ledger over time."""
 
     def lines(*names: str) -> list[Line]:
         return [
@@ -219,43 +242,6 @@ def _add_accounts(page: Page, run: RunData, folder: Path) -> None:
         ),
         "Accounts of the soil",
     )
-    if run.excavated:
-        panels = [
-            Panel("excavated\n[m³ bank]", _by_machine(run.excavated)),
-            Panel("excavation\n[m³/h]", _rates(run.excavated)),
-            Panel("deposited\n[m³ bank]", _by_machine(run.deposited)),
-        ]
-        page.picture(
-            draw_panels(
-                folder / "production.png",
-                "Production",
-                "Soil loosened and become terrain again, by the conversion rows of each machine.",
-                [panel for panel in panels if panel.lines],
-                limits=(run.first_time or 0.0, run.last_time),
-            ),
-            "Production",
-        )
-
-
-def _by_machine(totals: Mapping[int, Trace]) -> list[Line]:
-    return [
-        Line(f"machine {number}", trace.times, trace.values)
-        for number, trace in sorted(totals.items())
-    ]
-
-
-def _rates(totals: Mapping[int, Trace]) -> list[Line]:
-    """Return the volume per hour in each of some intervals."""
-    lines = []
-    for line in _by_machine(totals):
-        first, last = float(line.times[0]), float(line.times[-1])
-        if line.times.size < _MIN_RATE_STEPS or last <= first:
-            continue
-        edges = np.linspace(first, last, _RATE_WINDOWS + 1)
-        volume = np.interp(edges, line.times, line.values)
-        rates = np.diff(volume) / np.diff(edges) * _HOUR
-        lines.append(Line(line.name, 0.5 * (edges[1:] + edges[:-1]), rates))
-    return lines
 
 
 def _add_clock(page: Page, run: RunData, summary: RunSummary, folder: Path) -> None:

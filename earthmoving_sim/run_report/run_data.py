@@ -115,6 +115,7 @@ class RunData:
         configs: configuration of each node, by the namespace of its topic.
         first_log, last_log: log times of its first and last message [ns].
         first_time, last_time: simulation times [s].
+        first_tick: tick of the first ledger; None before it.
         present_time: simulation time of the last ledger [s]; None before the first one.
         terrain: the terrain at begin and end.
         accounts: volume of each account of the ledger [m^3].
@@ -138,6 +139,7 @@ class RunData:
     last_log: int = 0
     first_time: float | None = None
     last_time: float = 0.0
+    first_tick: int | None = None
     present_time: float | None = None
     terrain: TerrainHistory = field(default_factory=TerrainHistory)
     accounts: defaultdict[str, Trace] = field(default_factory=_traces)
@@ -167,6 +169,13 @@ class RunData:
     def wall_time(self) -> float:
         """Time between the first and the last message in log time [s]."""
         return 0.0 if self.first_log is None else (self.last_log - self.first_log) * 1e-9
+
+    @property
+    def time_span(self) -> tuple[float, float]:
+        """Begin and end of what is recorded [s], in the time of its messages."""
+        if self.first_time is None:
+            return 0.0, self.wall_time
+        return self.first_time, self.last_time
 
     def note_time(self, time: float) -> None:
         """Note a simulation time [s] of a message."""

@@ -39,7 +39,10 @@ def add_overview(
         if total is not None:
             figures.append((f"{total.volume:.2f} m³", f"moved by {name} in {total.count} cycles"))
     if summary.excavated:
-        figures.append((f"{sum(summary.excavated.values()):.2f} m³", "loosened, bank volume"))
+        part = " in the bag" if summary.earlier_conversions or summary.missing_conversions else ""
+        figures.append(
+            (f"{sum(summary.excavated.values()):.2f} m³", f"loosened{part}, bank volume")
+        )
     if summary.max_imbalance is not None:
         figures.append((f"{summary.max_imbalance:+d} mm³", "largest imbalance"))
     if summary.late_ticks is not None:
@@ -50,6 +53,8 @@ def add_overview(
         others = [str(each) for each in run_ids if each != run.run_id]
         more = f" (the bag also has {', '.join(others)})" if others else ""
         rows.append(("run", f"{run.run_id}{more}"))
+    if run.first_tick and run.first_time is not None:
+        rows.append(("begins within the run", f"at tick {run.first_tick}, {run.first_time:.2f} s"))
     rows.append(("machines", ", ".join(summary.machines) or "none"))
     lost = _lost_messages(reader.path)
     rows.append(("lost by the recorder", lost or "nothing"))

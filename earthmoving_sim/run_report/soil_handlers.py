@@ -56,7 +56,8 @@ class SoilHandlers(TopicHandlers):
     def _on_map(self, message: Any, log_time: int) -> None:
         terrain = from_terrain_cloud(message)
         if self._reading.run.run_id in (None, terrain.keyframe.run_id):
-            self._reading.run.terrain.add_map(terrain)
+            stamp = message.header.stamp
+            self._reading.run.terrain.add_map(terrain, stamp.sec + _NANO * stamp.nanosec)
 
     def _on_map_updates(self, message: Any, log_time: int) -> None:
         chunk = from_chunk_cloud(message, Stream.MAP_UPDATE)
@@ -90,6 +91,8 @@ class SoilHandlers(TopicHandlers):
         time = values["stamp_sec"] + _NANO * values["stamp_nanosec"]
         self._reading.run.note_time(time)
         self._reading.run.present_time = time
+        if self._reading.run.first_tick is None:
+            self._reading.run.first_tick = int(values["tick"])
         self._reading.run.clock.add(self._reading.seconds(log_time), time)
         for name in _ACCOUNTS:
             self._reading.run.accounts[name].add(time, values.get(name, 0.0) * _MM3)

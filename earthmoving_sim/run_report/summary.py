@@ -99,8 +99,13 @@ class RunSummary:
     Attributes:
         run_id: number of the run.
         simulated_time, wall_time: [s].
-        cut, fill: sums over the columns that hold less, and more, at the end than at the begin.
-        excavated, deposited: by machine id.
+        first_tick: tick of the first ledger; None without any.
+        cut, fill: sums over the columns that hold less, and more, at the end than in the first map.
+        start_revision: revision of the first map, 0 if the terrain had not changed before; None
+            without any.
+        excavated, deposited: by machine id; sums of the conversion rows that are recorded.
+        earlier_conversions: number of conversion rows before the first one that is recorded.
+        missing_conversions: number of those between the first and the last one that are missing.
         max_imbalance: largest imbalance of the ledger [mm^3]; None without a ledger.
         late_ticks: number of ticks that were late; None if it is not recorded.
         design: remaining volumes at the end.
@@ -110,10 +115,14 @@ class RunSummary:
     run_id: int | None
     simulated_time: float
     wall_time: float
+    first_tick: int | None = None
     cut: float | None = None
     fill: float | None = None
+    start_revision: int | None = None
     excavated: dict[int, float] = field(default_factory=dict)
     deposited: dict[int, float] = field(default_factory=dict)
+    earlier_conversions: int = 0
+    missing_conversions: int = 0
     max_imbalance: int | None = None
     late_ticks: int | None = None
     design: dict[str, float] = field(default_factory=dict)
@@ -132,11 +141,15 @@ class RunSummary:
 
 def summarise(run: RunData) -> RunSummary:
     """Return the figures of a run."""
-    summary = RunSummary(run.run_id, run.simulated_time, run.wall_time)
+    summary = RunSummary(run.run_id, run.simulated_time, run.wall_time, run.first_tick)
+    received = run.volumes.received
+    summary.earlier_conversions = max((received.first or 1) - 1, 0)  # their numbers begin with 1
+    summary.missing_conversions = received.num_missing
     if run.terrain.grid is not None:
         change = run.terrain.volume_change
         summary.cut = int(-change[change < 0].sum()) * _MM3
         summary.fill = int(change[change > 0].sum()) * _MM3
+        summary.start_revision = run.terrain.start_revision
     for totals, into in (
         (run.excavated, summary.excavated),
         (run.deposited, summary.deposited),

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from earthmoving_sim.run_figures.payload_cycles import find_cycles
+from earthmoving_sim.run_figures.payload_cycles import LOADED, find_cycles
 
 __all__ = ["WorkCycle", "find_work_cycles"]
 
@@ -71,13 +71,15 @@ def find_work_cycles(
     swing_times: NDArray[np.float64] | None = None,
     swing_speeds: NDArray[np.float64] | None = None,
 ) -> list[WorkCycle]:
-    """Return the completed cycles.
+    """Return the cycles that are recorded as a whole; with a load at the begin, one is not.
 
     Args:
         times, payload: samples of the payload [s], [m^3 bank], shape (n,), in the order of time.
         swing_times, swing_speeds: angular velocity of the superstructure [rad/s], shape (m,).
     """
     found = find_cycles(zip(times.tolist(), payload.tolist(), strict=True))
+    if found and payload[0] > LOADED * payload.max():
+        found = found[1:]
     ends = [each.end for each in found]
     cycles = []
     for each, next_end in zip(found, [*ends[1:], np.inf], strict=False):

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from earthmoving_sim.run_report import terrain_history
 from earthmoving_sim.run_report.latency import CommandLatency
+from earthmoving_sim.run_report.production import rate_lines, total_lines
 from earthmoving_sim.run_report.run_data import RunData
 from earthmoving_sim.run_report.summary import summarise
 from earthmoving_sim.run_report.terrain_history import TerrainHistory
@@ -27,6 +29,18 @@ def payload(num_cycles: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     times = np.arange(0.0, num_cycles * CYCLE + 1.0, 0.02)
     knots, values = np.array(POINTS).T
     return times, np.interp(times % CYCLE, knots, values)
+
+
+def test_production_is_drawn_up_to_the_end_of_the_recording() -> None:
+    total = Trace()
+    for second in range(10, 50):
+        total.add(float(second), 0.1 * (second - 9))
+    (line,) = total_lines({1: total}, (0.0, 100.0))
+    assert line.times[[0, -1]].tolist() == [0.0, 100.0]
+    assert line.values[[0, -1]] == pytest.approx([0.0, 4.0])
+    (rate,) = rate_lines({1: total}, (0.0, 100.0))
+    assert rate.values[rate.times > 50.0].tolist() == [0.0] * 30
+    assert rate.values.sum() * (100.0 / 60.0) / 3600.0 == pytest.approx(4.0)
 
 
 def test_cycles_have_the_times_and_volumes_of_their_parts() -> None:
@@ -52,6 +66,13 @@ def test_swing_that_is_not_recorded_is_part_of_the_lift() -> None:
     (cycle,) = find_work_cycles(*payload(1))
     assert cycle.swing_time == 0.0
     assert cycle.lift_time == pytest.approx(16.1 - 8.8, abs=0.05)
+
+
+def test_cycle_that_had_begun_before_the_recording_is_left_out() -> None:
+    times, values = payload(3)
+    is_recorded = times > 12.0
+    cycles = find_work_cycles(times[is_recorded], values[is_recorded])
+    assert [cycle.duration for cycle in cycles] == pytest.approx([CYCLE, CYCLE], abs=0.05)
 
 
 def test_payload_that_is_never_dumped_is_no_cycle() -> None:
@@ -139,14 +160,34 @@ def test_terrain_is_that_of_the_newest_state_of_each_column() -> None:
     rows = empty_rows(MAP_UPDATE, 2)
     rows["row"], rows["col"], rows["revision"] = [0, 9], [1, 9], 7  # one outside of the map
     rows["z"], rows["volume_mm3"] = 3.0, 3e9
-    history.add_updates(rows)  # before any map
-    history.add_map(terrain(5, 2.0))
-    history.add_updates(rows)
-    history.add_map(terrain(6, 1.0))  # older than the row, newer than the map
+    older = rows.copy()
+    older["revision"], older["z"] = 4, 9.0
+    history.add_updates(rows)  # newer than the map that follows
+    history.add_updates(older)
+    history.add_map(terrain(5, 2.0), 1.5)
+    history.add_map(terrain(6, 1.0), 2.5)  # older than the row, newer than the map
     expected = np.full(grid.shape, -(10**9))
     expected[0, 1] = 10**9
     assert np.array_equal(history.volume_change, expected)
     assert history.after[0, 1] == 3.0
+    assert (history.start_revision, history.start_time) == (5, 1.5)
+
+
+def test_many_updates_before_the_first_map_are_reduced_to_the_newest_of_each_column(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(terrain_history, "_MAX_EARLY", 5)
+    grid = Grid(rows=2, cols=2, cell=1.0)
+    history = TerrainHistory()
+    for revision in range(1, 9):
+        rows = empty_rows(MAP_UPDATE, 2)
+        rows["col"], rows["revision"], rows["z"] = [0, 1], revision, [revision, -revision]
+        history.add_updates(rows)
+    zeros = np.zeros(grid.shape)
+    layer = np.zeros(grid.shape, np.uint8)
+    frame = Keyframe(1, 2, grid, zeros, zeros.astype(np.int64), layer, layer)
+    history.add_map(TerrainMap(frame, zeros), 0.0)
+    assert history.after.tolist() == [[8.0, -8.0], [0.0, 0.0]]
 
 
 def test_soil_that_was_only_moved_is_cut_and_filled_to_the_mm3() -> None:
@@ -157,6 +198,6 @@ def test_soil_that_was_only_moved_is_cut_and_filled_to_the_mm3() -> None:
     run = RunData()
     for revision, volume in enumerate((np.full(grid.shape, 10**10), 10**10 + change)):
         frame = Keyframe(1, revision, grid, zeros, volume, layer, layer)
-        run.terrain.add_map(TerrainMap(frame, zeros))
+        run.terrain.add_map(TerrainMap(frame, zeros), float(revision))
     summary = summarise(run)
     assert summary.cut == summary.fill == pytest.approx(1e-9 * moved.sum())

@@ -27,9 +27,11 @@ from msg_bridge.audit.bag_audit import audit_bag
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.codec.machine_state import PayloadState, to_payload_array
 from msg_bridge.codec.row_chunks import to_chunk_cloud
+from msg_bridge.codec.terrain import TerrainMap, to_terrain_cloud
 from msg_bridge.codec.tick_headers import to_multi_array
+from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
-from msg_bridge.contract.messages import RowChunk, Stream
+from msg_bridge.contract.messages import Keyframe, RowChunk, Stream
 from msg_bridge.contract.rows import CONVERSION, empty_rows
 
 BAGS = Path(__file__).parents[3] / "bags"
@@ -196,6 +198,41 @@ def test_conversions_that_were_sent_again_count_once(
     reader = BagReader(recording.write(tmp_path / "bag.mcap"))
     assert write_report(reader, tmp_path / "report").summary.excavated == {1: pytest.approx(3.0)}
     assert read_figures(reader, 7, 0.0, 1.0).excavated == pytest.approx(3.0)
+
+
+def test_page_of_a_bag_that_begins_within_a_run_states_what_is_not_known(tmp_path: Path) -> None:
+    """Its first configuration is that of the next run."""
+    recording = Recording()
+    grid = Grid(2, 2, 1.0)
+    zeros, layer = np.zeros(grid.shape), np.zeros(grid.shape, np.uint8)
+    keyframe = Keyframe(7, 30, grid, zeros, zeros.astype(np.int64), layer, layer)
+    for number in range(40):
+        tick = 500 + number
+        rows = empty_rows(CONVERSION, 1)
+        rows["seq"], rows["volume_mm3"], rows["machine_id"] = 201 + 2 * number, 10**9, 1
+        stamp = Time(sec=tick)
+        if number < 30:
+            chunk = RowChunk(7, Stream.CONVERSION, 0, 0, rows)
+            recording.add("/soil/conversions", to_chunk_cloud(chunk, "map", stamp))
+        ledger = Ledger(7, tick, 0, 0, 0, 0, 0, 0, 0, stamp_sec=tick)
+        recording.add("/soil/ledger", to_multi_array(ledger))
+        if number == 5:
+            cloud = to_terrain_cloud(TerrainMap(keyframe, zeros), "map", stamp)
+            recording.add("/terrain/map", cloud)
+    recording.add("/soil/tick", Int64MultiArray())
+    for run_id in (8, 9):
+        recording.add("/sim/config", String(data=f"run: {{run_id: {run_id}}}"))
+        recording.add("/soil/ledger", to_multi_array(Ledger(run_id, 0, 0, 0, 0, 0, 0, 0, 0)))
+    reader = BagReader(recording.write(tmp_path / "bag.mcap"))
+    written = write_report(reader, tmp_path / "report", run_id=7)
+    figures = written.summary
+    assert written.run_ids == [7, 8, 9]
+    assert figures.simulated_time == 39.0
+    assert (figures.first_tick, figures.start_revision) == (500, 30)
+    assert (figures.earlier_conversions, figures.missing_conversions) == (200, 29)
+    page = written.page.read_text(encoding="utf-8")
+    for text in ("at tick 500", "first 200 conversion rows", "lacks 29 conv", "of 505.00 s"):
+        assert text in page
 
 
 def test_stamps_of_another_clock_are_not_simulation_times(tmp_path: Path) -> None:
