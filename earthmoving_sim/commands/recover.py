@@ -2,15 +2,16 @@
 
 Everything that can be read is written into another bag with its index and metadata.yaml, which
 `ros2 bag` needs; the bag itself is not changed. Damaged parts are skipped and named with the time
-that they covered. Exits with 0 if nothing was lost but an end that was never written, with 1 if
-parts were damaged or a file is missing. A bag that is complete and undamaged is not written again.
+that they covered. Files that were compressed as a whole, as by `ros2 bag record --compression-mode
+file`, are decompressed. Exits with 0 if nothing was lost but an end that was never written, with 1
+if parts were damaged or a file is missing. A bag that is complete and undamaged is not written
+again.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import shutil
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -55,8 +56,6 @@ def run(args: argparse.Namespace) -> int:
     folder = args.output or bag.absolute().parent / f"{bag_name(bag)}-recovered"
     recovered = recover_bag(bag, folder, compression=args.compression, progress=reading_progress())
     is_needed = not recovered.is_intact
-    if not is_needed:
-        shutil.rmtree(folder)
     if args.json:
         print(json.dumps(_report(recovered, bag, is_needed=is_needed), indent=2))
     else:
@@ -69,8 +68,10 @@ def _lines(recovered: RecoveredBag, bag: Path, *, is_needed: bool) -> list[str]:
         return [f"{bag}: {recovered.messages:,} messages, complete and undamaged"]
     lines = [f"{bag}: {recovered.messages:,} messages recovered"]
     for file in recovered.files:
-        state = "has its end" if file.is_complete else "was cut off"
+        state = "has its end" if file.is_complete else "has no end"
         lines.append(f"  {file.path.name}: {file.messages:,} messages, {state}")
+        if file.is_compressed:
+            lines.append("    was compressed as a whole; bytes are those of its content")
         if file.num_cut_off:
             lines.append(f"    {file.num_cut_off:,} from a chunk that was cut off")
         if file.num_without_channel:
@@ -87,6 +88,8 @@ def _lines(recovered: RecoveredBag, bag: Path, *, is_needed: bool) -> list[str]:
 
 
 def _describe(damage: Damage) -> str:
+    if not damage.length:
+        return damage.text
     text = f"byte {damage.offset:,}, {damage.length:,} bytes: {damage.text}"
     if damage.start is None or damage.end is None:
         return text
@@ -113,6 +116,7 @@ def _report(recovered: RecoveredBag, bag: Path, *, is_needed: bool) -> dict[str,
                 "file": each.path.name,
                 "messages": each.messages,
                 "had_end": each.is_complete,
+                "was_compressed": each.is_compressed,
                 "cut_off_messages": each.num_cut_off,
                 "messages_without_topic": each.num_without_channel,
                 "damages": [

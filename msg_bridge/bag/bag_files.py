@@ -7,10 +7,15 @@ from pathlib import Path
 
 import yaml
 
+from msg_bridge.bag.damage_text import describe_damage
 from msg_bridge.bag.mcap_index import BagReadError
 from msg_bridge.yaml_text import load_yaml
 
-__all__ = ["bag_name", "find_bag_files", "natural_sort_key"]
+__all__ = ["bag_files_in", "bag_name", "find_bag_files"]
+
+_SUFFIX = ".mcap"
+_COMPRESSED = (".zstd", ".zst")
+"""What follows `.mcap` in the name of a file that was compressed as a whole."""
 
 
 def bag_name(path: Path) -> str:
@@ -19,8 +24,22 @@ def bag_name(path: Path) -> str:
     Args:
         path: the folder or the file.
     """
-    path = path.resolve()
-    return path.stem if path.suffix == ".mcap" else path.name
+    name = path.resolve().name
+    for suffix in (_SUFFIX, *(_SUFFIX + each for each in _COMPRESSED)):
+        name = name.removesuffix(suffix)
+    return name
+
+
+def bag_files_in(folder: Path) -> list[Path]:
+    """Return the MCAP files in a folder, those compressed as a whole included, in natural order.
+
+    A file of which there is a compressed one, too, was being compressed: that one is left out.
+    """
+    files = list(folder.glob(f"*{_SUFFIX}"))
+    for suffix in _COMPRESSED:
+        found = folder.glob(f"*{_SUFFIX}{suffix}")
+        files += [each for each in found if each.with_suffix("") not in files]
+    return sorted(files, key=_natural_sort_key)
 
 
 def find_bag_files(path: Path) -> list[Path]:
@@ -40,7 +59,7 @@ def find_bag_files(path: Path) -> list[Path]:
         )
     metadata = path / "metadata.yaml"
     if not metadata.is_file():  # it is written last, so not by a recorder that was killed
-        files = sorted(path.glob("*.mcap"), key=natural_sort_key)
+        files = bag_files_in(path)
         if not files:
             raise BagReadError(f"{path} has neither metadata.yaml nor an .mcap file")
         return files
@@ -48,9 +67,10 @@ def find_bag_files(path: Path) -> list[Path]:
         information = load_yaml(metadata.read_text())["rosbag2_bagfile_information"]
         storage = information["storage_identifier"]
         names = list(information["relative_file_paths"])
-    except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
+    except (OSError, yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
         raise BagReadError(
-            f"{metadata} is not the metadata of a bag: {error!r}; give the .mcap file"
+            f"{metadata} is not the metadata of a bag: {describe_damage(error)}; give the .mcap"
+            " file, or make a bag of the .mcap files by `earthmoving recover`"
         ) from error
     if storage != "mcap":
         raise BagReadError(f"{path} is stored as {storage}; convert it to mcap (ros2 bag convert)")
@@ -64,7 +84,7 @@ def find_bag_files(path: Path) -> list[Path]:
     return files
 
 
-def natural_sort_key(path: Path) -> list[tuple[int, str]]:
+def _natural_sort_key(path: Path) -> list[tuple[int, str]]:
     """Return a key that sorts bag_10 after bag_9."""
     return [
         (int(part or 0), "") if part.isdigit() else (0, part)

@@ -21,6 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import breakup_chunk, get_chunk_data_stream
 
+from msg_bridge.bag.damage_text import describe_damage
 from msg_bridge.bag.mcap_records import (
     CHECKSUM,
     CHUNK_TIMES,
@@ -120,7 +121,8 @@ def index_file(number: int, path: Path) -> McapFile:
                 raise BagReadError(f"{path} is empty")
             if stream.read(len(MAGIC)) != MAGIC:
                 raise BagReadError(
-                    f"{path} is not an MCAP file; if it is compressed, decompress it first"
+                    f"{path} is not an MCAP file; if it is compressed as a whole by zstd,"
+                    " `earthmoving recover` writes it as a bag that can be read"
                 )
             _index_records(file, number, stream)
     except OSError as error:
@@ -136,9 +138,11 @@ def damage(path: Path, offset: int, error: Exception) -> BagReadError:
         offset: where [bytes].
         error: of zstd, lz4, struct, numpy or mcap, depending on the damage.
     """
-    reason = f"{type(error).__name__}: {error}".rstrip(": ")  # that of a short record has no text
+    if isinstance(error, BagReadError):
+        return error
     return BagReadError(
-        f"{path} is damaged at byte {offset}: {reason}; `earthmoving recover` saves the rest"
+        f"{path} is damaged at byte {offset}, in the record there: {describe_damage(error)};"
+        " `earthmoving recover` saves the rest"
     )
 
 

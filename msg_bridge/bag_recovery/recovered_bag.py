@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,12 +11,13 @@ from typing import Any
 import yaml
 from mcap.records import Attachment, Channel, Message, Schema
 
-from msg_bridge.bag.atomic_file import AtomicFile, BagError, write_error
-from msg_bridge.bag.bag_files import natural_sort_key
+from msg_bridge.bag.atomic_file import AtomicFile
+from msg_bridge.bag.bag_files import bag_files_in
 from msg_bridge.bag.mcap_file import McapFileWriter
 from msg_bridge.bag.mcap_index import BagReadError
 from msg_bridge.bag.metadata import BagMetadata, FileMetadata, TopicMetadata, from_qos_yaml
 from msg_bridge.bag.writer import CHUNK_SIZE, COMPRESSIONS, write_metadata
+from msg_bridge.bag_recovery.output_folder import OutputFolder
 from msg_bridge.bag_recovery.salvage import Damage, SalvagedFile
 from msg_bridge.yaml_text import load_yaml
 
@@ -36,6 +36,7 @@ class RecoveredFile:
         num_cut_off: number of messages from such a chunk.
         num_without_channel: number of messages left out because their channel is lost.
         is_complete: whether the file has its end.
+        is_compressed: whether the file was compressed as a whole.
         damages: parts that could not be read.
     """
 
@@ -44,6 +45,7 @@ class RecoveredFile:
     num_cut_off: int = 0
     num_without_channel: int = 0
     is_complete: bool = False
+    is_compressed: bool = False
     damages: list[Damage] = field(default_factory=list)
 
     @property
@@ -58,7 +60,7 @@ class RecoveredBag:
 
     Attributes:
         files: its files.
-        folder: folder of the new bag.
+        folder: folder of the new bag; it is not written if the bag is intact.
         had_metadata: whether the bag had a readable metadata.yaml.
         missing: names of the files that metadata.yaml names and that are not there.
         is_renamed: whether there are as many other files in place of the missing ones.
@@ -77,12 +79,15 @@ class RecoveredBag:
 
     @property
     def is_intact(self) -> bool:
-        """Whether the bag was complete and undamaged."""
+        """Whether the bag was complete and undamaged, and can be read as it is."""
         return (
             self.had_metadata
             and not self.missing
             and not any(
-                each.damages or each.num_without_channel or not each.is_complete
+                each.damages
+                or each.num_without_channel
+                or not each.is_complete
+                or each.is_compressed
                 for each in self.files
             )
         )
@@ -102,7 +107,9 @@ def recover_bag(
     compression: str = "zstd",
     progress: Callable[[float], None] | None = None,
 ) -> RecoveredBag:
-    """Write what can be read of a bag as another bag.
+    """Write what can be read of a bag as another bag, unless it is complete and undamaged.
+
+    If nothing is written, the folder and its parents are as they were before.
 
     Args:
         path: folder of the bag, or one file.
@@ -116,23 +123,43 @@ def recover_bag(
     """
     sources = _files_of(path)
     custom, named = _read_metadata(path)
-    _create(folder)
+    output = OutputFolder(folder)
     try:
         topics: dict[str, TopicMetadata] = {}
         recovered, written = _recover_files(sources, folder, topics, compression, progress)
-        missing = () if path.is_file() else tuple(sorted(named - {each.name for each in sources}))
+        missing = () if path.is_file() else _missing_files(path, named)
         num_others = sum(each.name not in named for each in sources)
         bag = RecoveredBag(
             recovered, folder, custom is not None, missing, len(missing) <= num_others
         )
         if not bag.messages:
-            raise BagReadError(f"{path} has no message that can be read")
-        summary = {**(custom or {}), "recovered": _summary(bag)}
-        write_metadata(folder, BagMetadata(tuple(written), tuple(topics.values()), summary))
+            raise BagReadError(f"{path} has no message that can be read: {_describe(recovered)}")
+        if not bag.is_intact:
+            summary = {**(custom or {}), "recovered": _summary(bag)}
+            write_metadata(folder, BagMetadata(tuple(written), tuple(topics.values()), summary))
     except BaseException:  # a part of a bag is no bag, and another attempt needs its place
-        shutil.rmtree(folder, ignore_errors=True)
+        output.remove()
         raise
+    if bag.is_intact:
+        output.remove()
     return bag
+
+
+def _describe(files: Sequence[RecoveredFile]) -> str:
+    """Return what is in place of messages in files without any."""
+    texts = []
+    for file in files:
+        parts = [part.text for part in file.damages]
+        if file.num_without_channel:
+            parts.append(f"the topic of {file.num_without_channel:,} messages is lost")
+        size = file.path.stat().st_size
+        texts.append(f"{file.path.name} ({size:,} bytes): {'; '.join(parts) or 'no messages'}")
+    return "; ".join(texts)
+
+
+def _missing_files(folder: Path, named: set[str]) -> tuple[str, ...]:
+    """Return which of the named files are missing, compressed or not."""
+    return tuple(sorted(name for name in named if not (folder / name).is_file()))
 
 
 def _recover_files(
@@ -156,9 +183,9 @@ def _recover_files(
     recovered: list[RecoveredFile] = []
     written: list[FileMetadata] = []
     for number, source in enumerate(sources):
-        file = folder / f"{folder.name}_{len(written)}.mcap"
+        file = folder / f"{folder.resolve().name}_{len(written)}.mcap"
         writer = _FileWriter(file, COMPRESSIONS[compression], topics)
-        salvaged = SalvagedFile(source)
+        salvaged = SalvagedFile(source, folder)
         reported, is_readable = 0.0, True
         try:
             for record, fraction in salvaged.records():
@@ -184,6 +211,7 @@ def _recover_files(
                 salvaged.num_cut_off,
                 writer.num_without_channel,
                 salvaged.is_complete,
+                salvaged.is_compressed,
                 salvaged.damages,
             )
         )
@@ -311,7 +339,7 @@ def _files_of(path: Path) -> list[Path]:
     """
     if path.is_file():
         return [path]
-    files = sorted(path.glob("*.mcap"), key=natural_sort_key) if path.is_dir() else []
+    files = bag_files_in(path) if path.is_dir() else []
     if not files:
         raise BagReadError(f"there is no bag {path}; give a folder of .mcap files, or one of them")
     return files
@@ -331,17 +359,6 @@ def _read_metadata(path: Path) -> tuple[Mapping[str, str] | None, set[str]]:
         return {str(name): str(value) for name, value in custom.items()}, names
     except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError, AttributeError):
         return None, set()
-
-
-def _create(folder: Path) -> None:
-    """Create the folder of the new bag."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        existing = next(folder.iterdir(), None)
-    except OSError as error:
-        raise write_error(folder, error) from error
-    if existing is not None:
-        raise BagError(f"{folder} is not empty (it has {existing.name}); give another by --output")
 
 
 def _summary(bag: RecoveredBag) -> str:

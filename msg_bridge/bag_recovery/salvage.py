@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import mmap
+import os
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Footer, Message, MessageIndex, Schema
 from mcap.stream_reader import get_chunk_data_stream
 
+from msg_bridge.bag.damage_text import describe_damage
 from msg_bridge.bag.mcap_index import BagReadError, parse_attachment
 from msg_bridge.bag.mcap_records import (
     CHECKSUM,
@@ -27,11 +29,15 @@ from msg_bridge.bag.mcap_records import (
     RECORD_HEADER,
     records_in,
 )
+from msg_bridge.bag_recovery.compressed_file import Decompressed, decompress, is_compressed
 from msg_bridge.bag_recovery.damaged_file import FoundRecord, Gap, find_records
 
 __all__ = ["Damage", "SalvagedFile"]
 
 _NAMES: dict[int, str] = {Opcode.MESSAGE_INDEX: "index of messages", Opcode.FOOTER: "summary"}
+_CONSEQUENCES = {True: "its content is lost", False: "it is made again, and nothing is lost"}
+"""What follows from a damage, by whether it is a loss."""
+
 _PARSERS: dict[int, Callable[[ReadDataStream, int], Schema | Channel | Message]] = {
     Opcode.SCHEMA: lambda stream, length: Schema.read(stream),
     Opcode.CHANNEL: lambda stream, length: Channel.read(stream),
@@ -79,12 +85,16 @@ class SalvagedFile:
 
     Attributes:
         path: the file.
+        scratch: folder for a temporary file, the content of a file that is compressed as a whole.
+        is_compressed: whether it is one; bytes are counted in its content then.
         damages: parts that could not be read, after `records` has ended.
         is_complete: whether the file has its end.
         num_cut_off: number of messages from a chunk in which the file ends. It has no checksum.
     """
 
     path: Path
+    scratch: Path
+    is_compressed: bool = False
     damages: list[Damage] = field(default_factory=list)
     is_complete: bool = False
     num_cut_off: int = 0
@@ -102,29 +112,53 @@ class SalvagedFile:
             with self.path.open("rb") as stream:
                 if not self.path.stat().st_size:
                     raise BagReadError(f"{self.path} is empty")
+                self.is_compressed = is_compressed(stream)
+                if self.is_compressed:
+                    with decompress(stream, self.scratch) as content:
+                        yield from self._read_compressed(content)
+                    return
                 with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
                     yield from self._read(data)
         except OSError as error:
             raise BagReadError(f"{self.path} cannot be read: {error.strerror or error}") from error
 
+    def _read_compressed(self, content: Decompressed) -> Iterator[tuple[Content, float]]:
+        if content.stream.seek(0, os.SEEK_END):
+            with mmap.mmap(content.stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+                yield from self._read(data)
+        size = self.path.stat().st_size
+        if content.is_damaged:
+            text = "are damaged and cannot be decompressed from there on"
+        elif content.is_cut_off:
+            text = "end: their end was not written"
+        else:
+            return
+        where = f"at byte {content.end:,} of {size:,} of the compressed file its data {text}"
+        length = content.stream.seek(0, os.SEEK_END)
+        self.damages.append(Damage(length, 0, where, is_loss=content.is_damaged))
+
     def _read(self, data: mmap.mmap) -> Iterator[tuple[Content, float]]:
-        num_records = 0
+        num_records, is_summary = 0, False
         for found in find_records(data):
             if isinstance(found, Gap):
-                text = "its end was not written" if found.is_unwritten else "no record"
-                self.damages.append(
-                    Damage(found.offset, found.length, text, is_loss=not found.is_unwritten)
-                )
+                is_loss = not (found.is_unwritten or is_summary)
+                if found.is_unwritten:
+                    text = "its end was not written"
+                elif is_summary:
+                    text = f"damaged summary: {_CONSEQUENCES[is_loss]}"
+                else:
+                    text = "no records; skipped"
+                self.damages.append(Damage(found.offset, found.length, text, is_loss=is_loss))
                 continue
             num_records += 1
+            is_summary |= found.opcode == Opcode.DATA_END
             self.is_complete |= found.opcode == Opcode.FOOTER
             fraction = (found.offset + found.length) / len(data)
             for record in self._contents(data, found):
                 yield record, fraction
         if not num_records and data[: len(MAGIC)] != MAGIC:
-            raise BagReadError(
-                f"{self.path} is not an MCAP file; if it is compressed, decompress it first"
-            )
+            content = "its decompressed content" if self.is_compressed else "it"
+            raise BagReadError(f"{self.path} is not an MCAP file, by the first bytes of {content}")
 
     def _contents(self, data: mmap.mmap, found: FoundRecord) -> Iterator[Content]:
         content = data[found.offset : found.offset + found.length]
@@ -160,8 +194,8 @@ class SalvagedFile:
             yield record
 
     def _add_damage(self, found: FoundRecord, content: bytes, error: Exception) -> None:
-        reason = f"{type(error).__name__}: {error}".rstrip(": ")
         name = _NAMES.get(found.opcode, Opcode(found.opcode).name.lower())
+        is_loss = found.opcode not in (Opcode.MESSAGE_INDEX, Opcode.FOOTER)
         start = end = None
         if found.opcode == Opcode.CHUNK and len(content) >= CHUNK_TIMES.size:
             start, end = CHUNK_TIMES.unpack_from(content)
@@ -169,10 +203,10 @@ class SalvagedFile:
             Damage(
                 found.offset,
                 found.length,
-                f"damaged {name}: {reason}",
+                f"damaged {name}: {describe_damage(error)}; {_CONSEQUENCES[is_loss]}",
                 start,
                 end,
-                is_loss=found.opcode not in (Opcode.MESSAGE_INDEX, Opcode.FOOTER),
+                is_loss=is_loss,
             )
         )
 
@@ -222,7 +256,7 @@ def _check_index(index: MessageIndex, data: bytes) -> None:
         opcode, _ = RECORD_HEADER.unpack_from(data, offset)
         channel, _, log_time, _ = MESSAGE_HEADER.unpack_from(data, offset + RECORD_HEADER.size)
         if (opcode, channel, log_time) != (Opcode.MESSAGE, index.channel_id, time):
-            raise ValueError("it names other messages than the chunk has")
+            raise ValueError("its entries name other messages than the chunk has")
 
 
 def _check_summary(footer: Footer, data: mmap.mmap, found: FoundRecord) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+import zstandard
 from rclpy.serialization import serialize_message
 from rosbags.interfaces import ConnectionExtRosbag2, QosDurability
 from rosbags.rosbag2 import Reader
@@ -52,6 +53,17 @@ def numbers_in(folder: Path) -> list[int]:
         assert all(data == text(time // 10**9) for _, time, data in reader.messages())
         assert reader.message_count == len(numbers)
     return numbers
+
+
+def compress(content: bytes) -> list[bytes]:
+    """Return compressed data in blocks of the size of a chunk, as those of a large file."""
+    frame = zstandard.ZstdCompressor().compressobj()
+    blocks = [
+        frame.compress(content[begin : begin + CHUNK_SIZE])
+        + frame.flush(zstandard.COMPRESSOBJ_FLUSH_BLOCK)
+        for begin in range(0, len(content), CHUNK_SIZE)
+    ]
+    return [*blocks, frame.flush()]
 
 
 def segments_of(file: Path) -> list[FileSegment]:
@@ -133,17 +145,22 @@ def test_only_the_damaged_chunk_is_lost(tmp_path: Path, compression: str, damage
         assert (part.start, part.end) == (first * 10**9, (last - 1) * 10**9)
 
 
-@pytest.mark.parametrize("part", ["index of messages", "summary"])
+@pytest.mark.parametrize("part", ["index of messages", "summary", "footer"])
 def test_damaged_index_is_made_again(tmp_path: Path, part: str) -> None:
     file = write_bag(tmp_path / "dig")
     segment = segments_of(file)[5]
     content = bytearray(file.read_bytes())
     summary_start = int.from_bytes(content[-28:-20], "little")
     index_start = segment.offset + segment.length
-    content[(index_start if part == "index of messages" else summary_start) + 20] ^= 0x55
+    if part == "footer":
+        content[-150:-30] = b"x" * 120
+    else:
+        content[(index_start if part == "index of messages" else summary_start) + 20] ^= 0x55
     file.write_bytes(content)
     (recovered,) = recover(file).files
-    assert [part in each.text for each in recovered.damages] == [True]
+    ((text),) = [each.text for each in recovered.damages]
+    assert part.replace("footer", "summary") in text
+    assert "it is made again, and nothing is lost" in text
     assert not recovered.has_losses
     assert numbers_in(tmp_path / "recovered") == list(range(NUMBER))
 
@@ -158,7 +175,7 @@ def test_channels_of_a_damaged_chunk_are_those_of_the_summary(tmp_path: Path) ->
     assert numbers_in(tmp_path / "recovered") == [*range(segments[1].start_ns // 10**9, NUMBER)]
     cut = file.parent / "cut.mcap"
     cut.write_bytes(content[: segments[-1].offset])  # without a summary
-    with pytest.raises(BagReadError, match="no message"):
+    with pytest.raises(BagReadError, match=r"no message .*: cut.mcap .* bytes\): .*topic of"):
         recover_bag(cut, tmp_path / "other")
     assert not (tmp_path / "other").exists()
 
@@ -220,6 +237,90 @@ def test_folder_of_a_bag_without_messages_is_not_left(tmp_path: Path) -> None:
         with pytest.raises(BagReadError, match="is empty"):
             recover(file)
     assert not (tmp_path / "recovered").exists()
+
+
+@pytest.mark.parametrize("case", ["complete", "cut off", "zeros", "damaged"])
+def test_file_that_was_compressed_as_a_whole_is_decompressed_as_far_as_it_goes(
+    tmp_path: Path, case: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = write_bag(tmp_path / "dig", "none")
+    blocks = compress(file.read_bytes())
+    middle = len(blocks) // 2
+    if case in ("cut off", "zeros"):
+        blocks[middle:] = [blocks[middle][:1000], bytes(20_000 if case == "zeros" else 0)]
+    elif case == "damaged":
+        blocks[middle] = b"\xff" * 1000
+    file.unlink()
+    file.with_name("dig_0.mcap.zstd").write_bytes(b"".join(blocks))
+    (tmp_path / "dig/metadata.yaml").unlink()
+    with pytest.raises(BagReadError, match="earthmoving recover"):
+        BagReader(tmp_path / "dig")
+    assert main(["recover", str(tmp_path / "dig")]) == (1 if case == "damaged" else 0)
+    output = capsys.readouterr().out
+    assert "compressed as a whole" in output
+    assert {
+        "complete": "has its end",
+        "cut off": "their end was not written",
+        "zeros": "their end was not written",
+        "damaged": "cannot be decompressed from there on",
+    }[case] in output
+    numbers = numbers_in(tmp_path / "dig-recovered")
+    assert numbers == list(range(len(numbers)))
+    assert NUMBER // 4 < len(numbers) < NUMBER or (case == "complete" and len(numbers) == NUMBER)
+    assert len(list((tmp_path / "dig-recovered").iterdir())) == 2, "no temporary file is left"
+
+
+def test_file_beside_its_unfinished_compressed_one_is_read_once(tmp_path: Path) -> None:
+    """The recorder was killed while it compressed."""
+    file = write_bag(tmp_path / "dig")
+    file.with_name("dig_0.mcap.zstd").write_bytes(zstandard.compress(file.read_bytes())[:1000])
+    (tmp_path / "dig/metadata.yaml").unlink()
+    assert recover_bag(tmp_path / "dig", tmp_path / "recovered").messages == NUMBER
+    assert BagReader(tmp_path / "dig").topics[TOPIC].count == NUMBER
+
+
+@pytest.mark.parametrize("is_intact", [True, False])
+def test_output_folder_is_as_before_if_nothing_is_written(tmp_path: Path, is_intact: bool) -> None:
+    file = write_bag(tmp_path / "dig")
+    if not is_intact:
+        file.write_bytes(b"text")
+    empty, link = tmp_path / "empty", tmp_path / "link"
+    empty.mkdir()
+    link.symlink_to(empty)
+    for folder in (tmp_path / "made/too/recovered", empty, link):
+        assert main(["recover", str(file.parent), "-o", str(folder)]) == (0 if is_intact else 2)
+    assert not (tmp_path / "made").exists()
+    assert link.is_symlink()
+    assert list(empty.iterdir()) == []
+
+
+def test_bag_is_written_through_a_link_to_an_empty_folder(tmp_path: Path) -> None:
+    file = write_bag(tmp_path / "dig")
+    file.write_bytes(file.read_bytes()[:-100])
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "disk")
+    assert main(["recover", str(file.parent), "-o", str(tmp_path / "link")]) == 0
+    assert numbers_in(tmp_path / "disk") == list(range(NUMBER))
+
+
+@pytest.mark.parametrize(
+    ("output", "text"),
+    [
+        ("broken", "is a symbolic link to nowhere, which does not exist"),
+        ("broken/below", "is a symbolic link to nowhere, which does not exist"),
+        ("file", "is a file; give a folder by --output"),
+        ("file/below", "is a file; give a folder by --output"),
+    ],
+)
+def test_output_that_is_no_folder_is_rejected(
+    tmp_path: Path, output: str, text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = write_bag(tmp_path / "dig")
+    (tmp_path / "broken").symlink_to("nowhere")
+    (tmp_path / "file").write_text("text")
+    assert main(["recover", str(file), "-o", str(tmp_path / output)]) == 2
+    assert text in capsys.readouterr().err
+    assert (tmp_path / "file").read_text() == "text"
 
 
 def test_command_reports_what_was_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
