@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from earthmoving_sim.bag_export.parquet_file import PART_SUFFIX, ExportError, to_export_error
+from msg_bridge.bag.output_path import describe_obstacle
 
 __all__ = ["check_folder", "remove_former_export"]
 
@@ -25,10 +26,11 @@ def check_folder(folder: Path, *, overwrite: bool) -> None:
     Raises:
         ExportError: it contains anything else.
     """
+    obstacle = describe_obstacle(folder)
+    if obstacle:
+        raise ExportError(obstacle)
     if not folder.exists():
         return
-    if not folder.is_dir():
-        raise ExportError(f"{folder} is a file; give another folder by --output")
     if overwrite:
         foreign = next((path for path in folder.rglob("*") if not _is_of_an_export(path)), None)
         if foreign is not None:

@@ -79,6 +79,8 @@ def _lines(recovered: RecoveredBag, bag: Path, *, is_needed: bool) -> list[str]:
                 f"    ✗ {file.num_without_channel:,} messages left out: their topic is lost"
             )
         lines += [f"    {'✗' if each.is_loss else '-'} {_describe(each)}" for each in file.damages]
+    if not recovered.had_metadata:
+        lines.append("  - metadata.yaml: is missing or damaged; it is made again")
     for name in recovered.missing:
         lines.append(
             f"  {'-' if recovered.is_renamed else '✗'} {name}: is not there, but in metadata.yaml"

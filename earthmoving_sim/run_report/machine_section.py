@@ -37,7 +37,8 @@ def add_machine(
         page.note("Its payload is not recorded, so there are no cycles.")
     elif not summary.cycles:
         page.note(
-            "No cycle: the payload never rose above 30 % of its largest value and fell below 15 %."
+            "No cycle is recorded as a whole: the payload never rose above 30 % of its largest"
+            " value and then fell below 15 %, or was above at the begin of the recording."
         )
     _add_cycles(page, summary)
     for kind, path in charts.items():

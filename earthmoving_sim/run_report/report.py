@@ -26,6 +26,7 @@ from earthmoving_sim.run_report.run_sections import (
 )
 from earthmoving_sim.run_report.summary import RunSummary, summarise
 from msg_bridge.bag.atomic_file import BagError, write_error
+from msg_bridge.bag.output_path import describe_obstacle
 from msg_bridge.bag.reader import BagReader
 
 __all__ = ["Report", "signed_volume", "write_report"]
@@ -98,10 +99,11 @@ def _check_folder(folder: Path) -> None:
     Raises:
         BagError: it has something else.
     """
+    obstacle = describe_obstacle(folder)
+    if obstacle:
+        raise BagError(obstacle)
     if not folder.exists():
         return
-    if not folder.is_dir():
-        raise BagError(f"{folder} is a file; give a folder by --output")
     existing = next(folder.iterdir(), None)
     if existing is not None and not _has_report(folder):
         raise BagError(

@@ -28,6 +28,7 @@ from msg_bridge.bag.mcap_records import (
     MAGIC,
     MESSAGE_HEADER,
     RECORD_HEADER,
+    ZSTD_MAGIC,
     records_in,
 )
 from msg_bridge.contract.errors import EarthmovingError
@@ -119,11 +120,14 @@ def index_file(number: int, path: Path) -> McapFile:
         with path.open("rb") as stream:
             if not path.stat().st_size:
                 raise BagReadError(f"{path} is empty")
-            if stream.read(len(MAGIC)) != MAGIC:
+            begin = stream.read(len(MAGIC))
+            if begin.startswith(ZSTD_MAGIC):
                 raise BagReadError(
-                    f"{path} is not an MCAP file; if it is compressed as a whole by zstd,"
-                    " `earthmoving recover` writes it as a bag that can be read"
+                    f"{path} is compressed as a whole; make a bag that can be read of it by"
+                    " `earthmoving recover`"
                 )
+            if begin != MAGIC:
+                raise BagReadError(f"{path} is not an MCAP file; give an .mcap file, or a folder")
             _index_records(file, number, stream)
     except OSError as error:
         raise BagReadError(f"{path} cannot be read: {error.strerror or error}") from error

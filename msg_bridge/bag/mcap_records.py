@@ -12,12 +12,16 @@ __all__ = [
     "MAGIC",
     "MESSAGE_HEADER",
     "RECORD_HEADER",
+    "ZSTD_MAGIC",
     "Record",
     "records_in",
 ]
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 """First and last bytes of a file."""
+
+ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
+"""First bytes of a file that is compressed as a whole by zstd."""
 
 RECORD_HEADER: Final = struct.Struct("<BQ")
 """Opcode, and length of the content."""

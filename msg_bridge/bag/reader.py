@@ -82,7 +82,8 @@ class BagReader:
         self.path = Path(path)
         self.files = find_bag_files(self.path)
         self._files = [index_file(number, file) for number, file in enumerate(self.files)]
-        self.namespace = (self._find_simulation() if namespace is None else namespace).rstrip("/")
+        given = self._find_simulation() if namespace is None else namespace
+        self.namespace = f"/{given.strip('/')}".rstrip("/")
         self.truncated = tuple(file.path.name for file in self._files if not file.is_complete)
         self.topics = self._list_topics()
         if not any(file.counts.total() for file in self._files):

@@ -15,10 +15,10 @@ from typing import IO, NamedTuple
 import zstandard
 
 from msg_bridge.bag.atomic_file import write_error
+from msg_bridge.bag.mcap_records import ZSTD_MAGIC
 
 __all__ = ["Decompressed", "decompress", "is_compressed"]
 
-_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _PIECE = 4096
 """Size of the pieces that are decompressed [bytes]; of a damaged one the begin is lost, too."""
 
@@ -44,9 +44,9 @@ class Decompressed(NamedTuple):
 
 def is_compressed(stream: IO[bytes]) -> bool:
     """Return whether a file at its begin is compressed by zstd as a whole."""
-    begin = stream.read(len(_ZSTD_MAGIC))
+    begin = stream.read(len(ZSTD_MAGIC))
     stream.seek(0)
-    return begin == _ZSTD_MAGIC
+    return begin == ZSTD_MAGIC
 
 
 @contextlib.contextmanager

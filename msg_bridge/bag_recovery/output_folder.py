@@ -6,6 +6,7 @@ import contextlib
 from pathlib import Path
 
 from msg_bridge.bag.atomic_file import BagError, write_error
+from msg_bridge.bag.output_path import describe_obstacle
 
 __all__ = ["OutputFolder"]
 
@@ -24,6 +25,9 @@ class OutputFolder:
         Raises:
             BagError: it is a file or a broken link, is not empty, or cannot be made.
         """
+        obstacle = describe_obstacle(path)
+        if obstacle:
+            raise BagError(obstacle)
         self.path = path
         self._made: list[Path] = []  # in the order in which they were made
         try:
@@ -52,14 +56,7 @@ class OutputFolder:
     def _make(self) -> None:
         missing = []
         for folder in (self.path, *self.path.parents):
-            if folder.is_symlink() and not folder.exists():
-                raise BagError(
-                    f"{folder} is a symbolic link to {folder.readlink()}, which does not exist;"
-                    " make that folder, or give another by --output"
-                )
             if folder.exists():
-                if not folder.is_dir():
-                    raise BagError(f"{folder} is a file; give a folder by --output")
                 break
             missing.append(folder)
         for folder in reversed(missing):

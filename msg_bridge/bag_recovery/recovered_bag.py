@@ -339,9 +339,11 @@ def _files_of(path: Path) -> list[Path]:
     """
     if path.is_file():
         return [path]
-    files = bag_files_in(path) if path.is_dir() else []
-    if not files:
+    if not path.is_dir():
         raise BagReadError(f"there is no bag {path}; give a folder of .mcap files, or one of them")
+    files = bag_files_in(path)
+    if not files:
+        raise BagReadError(f"{path} has no .mcap file; bags in other formats cannot be recovered")
     return files
 
 

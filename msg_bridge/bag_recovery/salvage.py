@@ -157,8 +157,8 @@ class SalvagedFile:
             for record in self._contents(data, found):
                 yield record, fraction
         if not num_records and data[: len(MAGIC)] != MAGIC:
-            content = "its decompressed content" if self.is_compressed else "it"
-            raise BagReadError(f"{self.path} is not an MCAP file, by the first bytes of {content}")
+            state = ", also not decompressed" if self.is_compressed else ""
+            raise BagReadError(f"{self.path} is not an MCAP file{state}")
 
     def _contents(self, data: mmap.mmap, found: FoundRecord) -> Iterator[Content]:
         content = data[found.offset : found.offset + found.length]

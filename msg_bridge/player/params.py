@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 from msg_bridge.contract.errors import ParameterError
@@ -14,6 +15,8 @@ CLOCK_MODES = ("auto", "log", "none")
 """auto: the recorded /clock, or log times if the bag has none; log: log times; none."""
 
 MIN_RATE, MAX_RATE = 0.01, 1000.0
+
+_NAMESPACE = re.compile(r"/*|/*[a-z_]\w*(/[a-z_]\w*)*/*", re.ASCII | re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -36,6 +39,11 @@ class PlayerParams(Parameters):
         super().__post_init__()
         validate_expression("include", self.include)
         validate_expression("exclude", self.exclude)
+        if not _NAMESPACE.fullmatch(self.prefix):
+            raise ParameterError(
+                f"prefix is {self.prefix!r}; give a namespace such as /recorded: names of letters,"
+                " digits and _ that do not begin with a digit"
+            )
         if self.end and self.end <= self.start:
             raise ParameterError(
                 f"end is {self.end:g} s; give a time after start, {self.start:g} s"

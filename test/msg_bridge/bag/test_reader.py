@@ -123,6 +123,14 @@ def test_damaged_chunk_is_an_error_with_its_position(tmp_path: Path) -> None:
         times(BagReader(path))
 
 
+@pytest.mark.parametrize("namespace", ["/excavator", "excavator", "excavator/"])
+def test_topics_of_a_namespace_are_relative_to_it(namespace: str) -> None:
+    bag = Path(__file__).parents[3] / "bags/format_2"
+    reader = BagReader(bag, namespace=namespace)
+    assert reader.namespace == "/excavator"
+    assert {"/odom", "/joint_states"} <= set(reader.topics)
+
+
 def test_folder_of_files_is_one_bag(tmp_path: Path) -> None:
     for part in (0, 9, 10):
         write_mcap(tmp_path / f"bag_{part}.mcap", messages(10, first=10 * part))

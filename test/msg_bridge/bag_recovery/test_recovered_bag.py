@@ -318,8 +318,9 @@ def test_output_that_is_no_folder_is_rejected(
     file = write_bag(tmp_path / "dig")
     (tmp_path / "broken").symlink_to("nowhere")
     (tmp_path / "file").write_text("text")
-    assert main(["recover", str(file), "-o", str(tmp_path / output)]) == 2
-    assert text in capsys.readouterr().err
+    for command in ("recover", "report", "export"):
+        assert main([command, str(file), "-o", str(tmp_path / output)]) == 2
+        assert text in capsys.readouterr().err
     assert (tmp_path / "file").read_text() == "text"
 
 

@@ -152,6 +152,9 @@ def test_invalid_values_are_errors() -> None:
     for values in ({"rate": 0.0}, {"start": 5.0, "end": 4.0}, {"include": "("}):
         with pytest.raises(ParameterError):
             PlayerParams(**values)
+    for prefix in ("1a b", "a//b", "a-b", "a/2"):
+        with pytest.raises(ParameterError, match="prefix is"):
+            PlayerParams(prefix=prefix)
     assert PlayerParams(prefix="recorded/").published_name("/soil/tick") == "/recorded/soil/tick"
 
 
