@@ -25,7 +25,7 @@ from msg_bridge.kernels import fixed_signature_kernel, helper
 from soil_sim.columns.operations import compact_loose, pack_firm
 from soil_sim.columns.state import Columns
 from soil_sim.soils.soil_types import SoilType
-from soil_sim.tool_sweeps import PressedPairs, interpolate_key_point
+from soil_sim.tool_sweeps import MachineSweeps, interpolate_key_point, pressed_pairs
 
 __all__ = ["SINKAGE_DTYPE", "CompactedColumns", "compact", "sinkage_table"]
 
@@ -79,31 +79,35 @@ class CompactedColumns(NamedTuple):
     pressed: dict[int, NDArray[np.int64]]
 
 
-def compact(columns: Columns, pairs: PressedPairs, sinkage: NDArray[np.void]) -> CompactedColumns:
+def compact(columns: Columns, sweeps: MachineSweeps, sinkage: NDArray[np.void]) -> CompactedColumns:
     """Press soil down under the plates of a tick.
 
     Args:
         columns: the terrain; changed.
-        pairs: compacting key-point pairs of one machine.
+        sweeps: sweeps of one machine, of which some pairs may compact.
         sinkage: `sinkage_table` of the kinds of soil.
     """
-    if pairs.has_plate.size == 0:  # as with a machine that has no tracks
-        return CompactedColumns(np.zeros(0, dtype=np.int64), {})
-    yielded, tools, first, cells = _compact(*pairs, columns.boxed_arrays, columns.frame, sinkage)
-    starts = first.tolist()
-    pressed = {tool: cells[starts[k] : starts[k + 1]] for k, tool in enumerate(tools.tolist())}
+    yielded, tools, cells = _compact(
+        sweeps.rows, sweeps.points, columns.boxed_arrays, columns.frame, sinkage
+    )
+    pressed = {}
+    begin = 0
+    for tool, end in tools.tolist():
+        pressed[tool] = cells[begin:end]
+        begin = end
     return CompactedColumns(yielded, pressed)
 
 
 @fixed_signature_kernel
-def _compact(points, has_plate, pressure, tool, boxed_columns, frame, sinkage):  # type: ignore[no-untyped-def]
+def _compact(rows, key_points, boxed_columns, frame, sinkage):  # type: ignore[no-untyped-def]
     """Compact soil as `compact`.
 
     Returns:
-        (flat indices of the columns that yielded, sorted; ids of the tools with pressure, sorted;
-        index of the first column of each below, and the end; flat indices of the columns under each
-        of these tools, sorted).
+        (flat indices of the columns that yielded, sorted; ids of the tools with pressure, sorted,
+        and index after the last column of each below, shape (tools, 2); flat indices of the columns
+        under each of these tools, sorted).
     """
+    points, has_plate, pressure, tool = pressed_pairs(rows, key_points)
     columns = boxed_columns.table
     under, count = np.empty(64, dtype=np.int64), np.int64(0)
     tools = np.empty(0, dtype=np.int64)
@@ -148,14 +152,16 @@ def _columns_by_tool(under, tools, pressure, tool_of_pair):  # type: ignore[no-u
     """
     is_pressing = (pressure[:, 0] > 0.0) | (pressure[:, 1] > 0.0)
     with_pressure = np.unique(tool_of_pair[is_pressing])
-    first = np.zeros(with_pressure.size + 1, dtype=np.int64)
+    ends = np.empty((with_pressure.size, 2), dtype=np.int64)
     cells = np.empty(under.size, dtype=np.int64)
+    end = 0
     for k in range(with_pressure.size):
         of_tool = under[tools == with_pressure[k]]
         own = np.unique(np.where(of_tool < 0, ~of_tool, of_tool))
-        first[k + 1] = first[k] + own.size
-        cells[first[k] : first[k + 1]] = own
-    return with_pressure, first, cells[: first[-1]]
+        cells[end : end + own.size] = own
+        end += own.size
+        ends[k, 0], ends[k, 1] = with_pressure[k], end
+    return ends, cells[:end]
 
 
 @helper

@@ -189,7 +189,8 @@ class SoilEndpoint:
 
     def _record_tool_positions(self, sweeps: Rows, accounts: Mapping[int, int]) -> None:
         """Record the position of the first tool of each machine."""
-        for machine_id, *position in positions_of_first_tools(sweeps).tolist():
+        positions = positions_of_first_tools(np.ascontiguousarray(sweeps))
+        for machine_id, *position in positions.tolist():
             self._tool_positions[accounts[int(machine_id)]] = position
 
     def _update_ended_accounts(self) -> None:

@@ -16,7 +16,7 @@ from msg_bridge.contract.rows import (
     Rows,
     empty_rows,
 )
-from msg_bridge.kernels import fixed_signature_kernel, helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper
 from soil_sim.columns.changes import ColumnChanges
 from soil_sim.columns.grid_frame import GridFrame
 from soil_sim.columns.state import Columns
@@ -139,7 +139,7 @@ def _are_first(requests):  # type: ignore[no-untyped-def]
     return is_first
 
 
-@kernel
+@fixed_signature_kernel
 def _excavation_rows(removed, tick, machine_id, cols):  # type: ignore[no-untyped-def]
     """Return CONVERSION rows of removed soil, as many for each column as its volume needs."""
     count = 0

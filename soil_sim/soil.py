@@ -236,9 +236,8 @@ class Soil:
                 " give a tick number of 32 bits, and 1-D arrays of SWEEP and DEPOSIT_REQUEST rows"
             )
         # Kernels are compiled for contiguous arrays that may be written to.
-        sweeps, deposit_requests = (
-            np.require(rows, requirements=["C", "W"]) for rows in (sweeps, deposit_requests)
-        )
+        if not (sweeps.flags.carray and deposit_requests.flags.carray):
+            sweeps, deposit_requests = sweeps.copy(), deposit_requests.copy()
         valid_sweeps, rejected_tools = validate_sweeps(sweeps)
         deposits = convert_deposit_requests(
             deposit_requests, tick, self.columns.frame, len(self.soil_types)
@@ -333,7 +332,7 @@ class Soil:
 
     def _compact(self, machine: MachineSweeps) -> dict[int, NDArray[np.int64]]:
         """Press soil down; return the columns under each track that moved, by tool id."""
-        compacted = compact(self.columns, machine.pressed, self._sinkage)
+        compacted = compact(self.columns, machine, self._sinkage)
         self.relaxation.mark_disturbed(compacted.yielded, include_neighbours=True)
         return compacted.pressed
 

@@ -15,7 +15,7 @@ from enum import IntEnum
 import numpy as np
 
 from msg_bridge.contract.rows import MAX_MILLING_WORK, MAX_PRESSURE, Rows, SweepAction
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper
 from soil_sim.tool_sweeps import ValidSweeps
 
 __all__ = ["validate_sweeps"]
@@ -95,7 +95,7 @@ def validate_sweeps(sweeps: Rows) -> tuple[ValidSweeps, tuple[str, ...]]:
     """Separate valid tools from rejected ones.
 
     Args:
-        sweeps: SWEEP rows of one tick; the rows of a tool in the order of its pairs.
+        sweeps: contiguous SWEEP rows of one tick; the rows of a tool in the order of its pairs.
 
     Returns:
         (valid sweeps, a message for each rejected tool).
@@ -129,7 +129,7 @@ def _is_sorted(rows):  # type: ignore[no-untyped-def]
     return True
 
 
-@kernel
+@fixed_signature_kernel
 def _parse_tools(rows):  # type: ignore[no-untyped-def]
     """Return key points, first rows and faults of tools.
 

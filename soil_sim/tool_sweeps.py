@@ -10,25 +10,33 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.contract.rows import SWEEP, Rows, SweepAction
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.contract.rows import Rows, SweepAction
+from msg_bridge.kernels import fixed_signature_kernel, helper, kernel
 
 __all__ = [
     "CutSweep",
     "MachineSweeps",
-    "PressedPairs",
     "SweptPairs",
     "ValidSweeps",
     "group_by_machine",
     "interpolate_key_point",
     "positions_of_first_tools",
+    "pressed_pairs",
 ]
 
 _COMPACT, _MILL = int(SweepAction.COMPACT), int(SweepAction.MILL)
-_WORK_FIELD, _ACTION_FIELD, _ROOM_FIELD, _MACHINE_FIELD, _TOOL_FIELD = (
-    SWEEP.names.index(name)  # type: ignore[union-attr]
-    for name in ("work", "action", "room_mm3", "machine_id", "tool")
+
+_CUTTING_TOOL = np.dtype(
+    [
+        ("first", np.int64),  # pairs of the tool among those of its machine: first, after the last
+        ("end", np.int64),
+        ("room_mm3", np.int64),
+        ("tool", np.int64),
+        ("mills", np.bool_),
+        ("work", np.float64),  # [J]
+    ]
 )
+"""What `CutSweep` states of a tool, in this order."""
 
 
 class ValidSweeps(NamedTuple):
@@ -59,22 +67,6 @@ class SweptPairs(NamedTuple):
     has_plate: NDArray[np.bool_]
 
 
-class PressedPairs(NamedTuple):
-    """Key-point pairs of one machine that compact in a tick.
-
-    Attributes:
-        points, has_plate: as of `SweptPairs`.
-        pressure: on the ground at the left and the right end of each pair [Pa], shape (pairs, 2),
-            float64.
-        tool: id of the tool of each pair, shape (pairs,), int64.
-    """
-
-    points: NDArray[np.float64]
-    has_plate: NDArray[np.bool_]
-    pressure: NDArray[np.float64]
-    tool: NDArray[np.int64]
-
-
 class CutSweep(NamedTuple):
     """Pairs of one tool that cut or mill in a tick.
 
@@ -98,48 +90,44 @@ class MachineSweeps(NamedTuple):
 
     Attributes:
         machine_id: id of the machine.
-        rows: its SWEEP rows.
+        rows, points: its SWEEP rows and their key points, as of `ValidSweeps`.
         cuts: the pairs that cut or mill, by tool.
-        pressed: the pairs that compact.
     """
 
     machine_id: int
     rows: Rows
+    points: NDArray[np.float64]
     cuts: list[CutSweep]
-    pressed: PressedPairs
 
 
 def group_by_machine(sweeps: ValidSweeps) -> list[MachineSweeps]:
     """Return the sweeps of each machine, sorted by machine id."""
+    rows, points, _ = sweeps
     groups = []
     start = 0
-    while start < sweeps.rows.size:
-        (points, has_plate), pressed, tools, machine_id, end = _split_machine(
-            sweeps.rows, sweeps.points, start
-        )
+    while start < rows.size:
+        ends, has_plate, tools, machine_id, end = _cutting_tools(rows, points, start)
         cuts = [
-            _cut_sweep(sweeps.rows[row], SweptPairs(points[first:after], has_plate[first:after]))
-            for row, first, after in tools.tolist()
+            CutSweep(
+                SweptPairs(ends[first:after], has_plate[first:after]),
+                room,
+                machine_id,
+                tool,
+                work if mills else None,
+            )
+            for first, after, room, tool, mills, work in tools.tolist()
         ]
-        rows = sweeps.rows[start:end]
-        groups.append(MachineSweeps(machine_id, rows, cuts, PressedPairs(*pressed)))
+        groups.append(MachineSweeps(machine_id, rows[start:end], points[start:end], cuts))
         start = end
     return groups
 
 
-def _cut_sweep(first: np.void, pairs: SweptPairs) -> CutSweep:
-    """Return the sweep of a tool from its first row and its pairs."""
-    values = first.item()  # one conversion: each field of a record takes as long
-    work = values[_WORK_FIELD] if values[_ACTION_FIELD] == _MILL else None
-    return CutSweep(pairs, values[_ROOM_FIELD], values[_MACHINE_FIELD], values[_TOOL_FIELD], work)
-
-
-@kernel
+@fixed_signature_kernel
 def positions_of_first_tools(rows):  # type: ignore[no-untyped-def]
     """Return the end positions of pair 0 of tool 0 of each machine, in the order of the rows.
 
     Args:
-        rows: SWEEP rows, not validated: positions that are not finite are left out.
+        rows: contiguous SWEEP rows, not validated: positions that are not finite are left out.
 
     Returns:
         Machine id and position at the end of the tick x, y, z [m], shape (n, 4).
@@ -171,50 +159,55 @@ def interpolate_key_point(points, which, t):  # type: ignore[no-untyped-def]
     )
 
 
-@kernel
-def _split_machine(rows, points, start):  # type: ignore[no-untyped-def]
-    """Split the rows of the machine that begin at `start`.
+@fixed_signature_kernel
+def _cutting_tools(rows, points, start):  # type: ignore[no-untyped-def]
+    """Return the pairs that cut or mill of the machine whose rows begin at `start`.
 
     Returns:
-        (pairs that cut, pairs that compact, tools of the pairs that cut, machine id, index after
-        the last row); the pairs as plain tuples, which are converted to Python in half the time,
-        and of each tool its first row, first pair and pair after the last, shape (tools, 3).
+        (points and plates of all of its pairs as `SweptPairs`, `_CUTTING_TOOL` records, machine id,
+        index after its last row).
     """
     end = start
     while end < rows.size and rows[end].machine_id == rows[start].machine_id:
         end += 1
-    # Typed values: Numba would compile `_select_pairs` once for each of two literals.
-    no, yes = np.bool_(False), np.bool_(True)
-    cut_pairs, left = _select_pairs(rows, points, start, end, no)
-    (pressing, has_plate), pressing_left = _select_pairs(rows, points, start, end, yes)
-    pressed = (pressing, has_plate, *_pressures_of_pairs(rows, pressing_left))
-    return cut_pairs, pressed, _tools_of_pairs(rows, left), rows[start].machine_id, end
+    ends, has_plate, left = _select_pairs(rows, points, start, end, np.bool_(False))
+    return ends, has_plate, _tools_of_pairs(rows, left), rows[start].machine_id, end
 
 
-@helper(allocates=True)
-def _pressures_of_pairs(rows, left):  # type: ignore[no-untyped-def]
-    """Return pressures and tools of pairs as `PressedPairs`.
+@kernel
+def pressed_pairs(rows, points):  # type: ignore[no-untyped-def]
+    """Return the pairs of one machine that compact.
 
-    `left` are the first rows of the pairs.
+    Args:
+        rows, points: those of its `MachineSweeps`.
+
+    Returns:
+        (points and plates as `SweptPairs`; pressure on the ground at the left and the right end of
+        each pair [Pa], shape (pairs, 2), float64; id of the tool of each pair, shape (pairs,),
+        int64).
     """
+    ends, has_plate, left = _select_pairs(rows, points, 0, rows.size, np.bool_(True))
     pressure, tool = np.empty((left.size, 2)), np.empty(left.size, dtype=np.int64)
     for k in range(left.size):
         tool[k] = rows[left[k]].tool
         for side in range(2):
             pressure[k, side] = rows[left[k] + side].pressure
-    return pressure, tool
+    return ends, has_plate, pressure, tool
 
 
 @helper(allocates=True)
 def _tools_of_pairs(rows, left):  # type: ignore[no-untyped-def]
-    """Return the tools of pairs as `_split_machine`; `left` are the first rows of the pairs."""
-    tools = np.empty((left.size, 3), dtype=np.int64)
+    """Return the tools of pairs as `_cutting_tools`; `left` are the first rows of the pairs."""
+    tools = np.empty(left.size, _CUTTING_TOOL)
     count = 0
     for k in range(left.size):
-        if k == 0 or rows[left[k]].tool != rows[left[k - 1]].tool:
-            tools[count, 0], tools[count, 1] = left[k], k
+        row = rows[left[k]]
+        if k == 0 or row.tool != rows[left[k - 1]].tool:
+            tool = tools[count]
+            tool.first, tool.tool, tool.room_mm3 = k, row.tool, row.room_mm3
+            tool.mills, tool.work = row.action == _MILL, row.work
             count += 1
-        tools[count - 1, 2] = k + 1
+        tools[count - 1].end = k + 1
     return tools[:count]
 
 
@@ -223,7 +216,7 @@ def _select_pairs(rows, points, start, end, compacting):  # type: ignore[no-unty
     """Return the pairs of the rows `start` to `end` that compact, or else those that do not.
 
     Returns:
-        (the pairs, index of the first row of each).
+        (their points and plates as `SweptPairs`, index of the first row of each).
     """
     left = np.empty((end - start) // 2, dtype=np.int64)  # index of the first row of each pair
     count = 0
@@ -241,4 +234,4 @@ def _select_pairs(rows, points, start, end, compacting):  # type: ignore[no-unty
         if k > 0:
             row, previous = rows[left[k]], rows[left[k - 1]]
             has_plate[k - 1] = row.tool == previous.tool and row.pair == previous.pair + 1
-    return (ends, has_plate), left[:count].copy()
+    return ends, has_plate, left[:count]

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import fixed_signature_kernel
 from soil_sim.columns.occupancy import FREE, TRACK_ABOVE
 
 __all__ = ["TrackOccupancy"]
@@ -46,19 +46,21 @@ class TrackOccupancy:
         """
         if not any(pressed.values()) and all(key[0] in pressed for key in self._cells):
             return _NO_CELLS  # all tracks are at rest
-        before = self._cells
-        moved = {(i, tool): cells for i, tools in pressed.items() for tool, cells in tools.items()}
-        at_rest = {key: cells for key, cells in before.items() if key[0] in pressed}
-        self._cells = {key: cells for key, cells in (at_rest | moved).items() if cells.size}
+        before = [_NO_CELLS, *self._cells.values()]
+        for key in [key for key in self._cells if key[0] not in pressed]:
+            del self._cells[key]
+        for machine_id, tools in pressed.items():
+            for tool, cells in tools.items():
+                self._cells[machine_id, tool] = cells
         freed: NDArray[np.int64] = _move_marks(
             self._occupied,
-            np.concatenate([_NO_CELLS, *before.values()]),
+            np.concatenate(before),
             np.concatenate([_NO_CELLS, *self._cells.values()]),
         )
         return freed
 
 
-@kernel
+@fixed_signature_kernel
 def _move_marks(occupied, before, now):  # type: ignore[no-untyped-def]
     """Free the columns that tracks were on, and mark those that they are on.
 

@@ -15,7 +15,7 @@ import hashlib
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import fixed_signature_kernel
 from soil_sim.columns.state import Columns
 
 __all__ = ["TILE_SIZE", "TileChecksums"]
@@ -87,7 +87,7 @@ class TileChecksums:
         )
 
 
-@kernel
+@fixed_signature_kernel
 def _apply_changes(volume, is_stale, cells, volume_change_mm3, cols, tile_cols):  # type: ignore[no-untyped-def]
     """Add the volume changes of columns to their tiles, and mark those tiles as stale.
 

@@ -29,6 +29,8 @@ _NUM_MOMENTS = 4
 
 _INITIAL_SLOTS = 256
 
+_NO_CELLS: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+
 
 class RefinedArrays(NamedTuple):
     """Tables of refined columns, for kernels.
@@ -108,7 +110,7 @@ class RefinedColumns:
         Returns:
             (columns still refined, columns freed), flat indices; the latter sorted.
         """
-        freed: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
+        freed = _NO_CELLS
         if self.count:
             self.count, freed = _free_unused_slots(self.boxed_arrays, self.count, self.tick)
             freed.sort()

@@ -165,7 +165,7 @@ class SplitSoil:
             sweeps: SWEEP rows of all machines, in the order of machine and `seq`.
             deposit_requests: DEPOSIT_REQUEST rows of all machines, in the same order.
         """
-        valid, rejected_tools = validate_sweeps(sweeps)
+        valid, rejected_tools = validate_sweeps(np.ascontiguousarray(sweeps))
         shared = share_sweeps(valid, self.grid, self._slabs)
         region_of_request = self._regions_of(deposit_requests)
         arriving, self._arriving = self._arriving, [[] for _ in self.regions]

@@ -16,7 +16,7 @@ from msg_bridge.contract.rows import MAX_PRESSURE, Rows, SweepAction
 from soil_sim.errors import SoilError
 from soil_sim.soils.params import SoilParams
 from soil_sim.sweep_validation import validate_sweeps
-from soil_sim.tool_sweeps import group_by_machine
+from soil_sim.tool_sweeps import group_by_machine, pressed_pairs
 
 MODES = SoilParams.__dataclass_fields__["cut_mode"].metadata["choices"]
 COORDINATES = ("x0", "y0", "z0", "x1", "y1", "z1")
@@ -211,7 +211,7 @@ def test_pair_has_start_and_end_of_its_left_and_right_end() -> None:
         [[0.125, 1.0, 0.0], [0.125, 0.0, 0.0]],
     ]
     assert pairs.has_plate.tolist() == [True] * 6 + [False]
-    assert machine.pressed.has_plate.size == 0
+    assert pressed_pairs(machine.rows, machine.points)[0].size == 0
 
 
 def test_plates_span_successive_pairs_of_one_tool_with_the_same_action() -> None:
@@ -224,7 +224,9 @@ def test_plates_span_successive_pairs_of_one_tool_with_the_same_action() -> None
     assert first.pairs.has_plate.tolist() == [True, False, False]
     assert second.pairs.has_plate.tolist() == [True, False]
     assert (first.tool, first.work, second.tool, second.work) == (0, None, 1, 0.0)
-    assert machine.pressed.has_plate.tolist() == [True, False, False]
+    _, has_plate, _, tools = pressed_pairs(machine.rows, machine.points)
+    assert has_plate.tolist() == [True, False, False]
+    assert tools.tolist() == [0, 0, 2]
 
 
 def test_sweeps_are_grouped_by_machine_in_order() -> None:
@@ -234,14 +236,12 @@ def test_sweeps_are_grouped_by_machine_in_order() -> None:
     machines = group_by_machine(validate_sweeps(rows)[0])
     assert [machine.machine_id for machine in machines] == [2, 7]
     assert [machine.rows.size for machine in machines] == [8, 4]
-    assert machines[0].pressed.points[:, 0, 0, 0].round(3).tolist() == [0.0, -0.1, 2.0, 1.9]
-    assert machines[0].pressed.pressure.tolist() == [
-        [4e3, 5e3],
-        [6e3, 7e3],
-        [8e3, 9e3],
-        [1e4, 11e3],
-    ]
-    assert machines[1].pressed.points[:, 0, 0, 0].round(3).tolist() == [1.0, 0.9]
+    points, _, pressure, tools = pressed_pairs(machines[0].rows, machines[0].points)
+    assert points[:, 0, 0, 0].round(3).tolist() == [0.0, -0.1, 2.0, 1.9]
+    assert pressure.tolist() == [[4e3, 5e3], [6e3, 7e3], [8e3, 9e3], [1e4, 11e3]]
+    assert tools.tolist() == [0, 0, 1, 1]
+    points, *_ = pressed_pairs(machines[1].rows, machines[1].points)
+    assert points[:, 0, 0, 0].round(3).tolist() == [1.0, 0.9]
 
 
 def test_no_sweeps_are_no_machines() -> None:
