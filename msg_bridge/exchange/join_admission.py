@@ -113,7 +113,10 @@ class JoinAdmission:
         Returns:
             (requests of the admitted machines, rejections), each ordered by machine id.
         """
-        admitted, rejected = [], []
+        admitted: list[MachineHeader] = []
+        rejected: list[JoinRejected] = []
+        if not self._waiting:  # as in most ticks
+            return admitted, rejected
         for header in self.requests:
             try:
                 if header.verb is Verb.REJOIN:

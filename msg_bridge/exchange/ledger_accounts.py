@@ -85,8 +85,8 @@ class LedgerAccounts:
     @property
     def account_numbers(self) -> frozenset[int]:
         """Numbers of all accounts: of each machine that has joined, and the ended ones."""
-        numbers = {account.number for account in self._machines.values()}
-        return frozenset(numbers.union(*(ended.numbers for ended in self._ended.values())))
+        numbers = frozenset([account.number for account in self._machines.values()])
+        return numbers.union(*[ended.numbers for ended in self._ended.values()])
 
     @property
     def machines_with_ended_accounts(self) -> tuple[int, ...]:

@@ -15,7 +15,7 @@ from msg_bridge.contract.messages import (
     SoilHeader,
     Stream,
 )
-from msg_bridge.contract.rows import Rows, are_of_machine
+from msg_bridge.contract.rows import Rows
 from msg_bridge.exchange.row_digest import check_row_digest
 from msg_bridge.exchange.stream_buffers import (
     PIPELINE_DEPTH,
@@ -52,8 +52,8 @@ class MachineSession:
         _, backlog_range = self.backlog.append(backlog)
         self.num_backlog_rows = backlog_range.count
         self._backlog_digest = backlog_range.digest
-        self._sweeps = ReceiveBuffer(Stream.SWEEP)
-        self._deposit_requests = ReceiveBuffer(Stream.DEPOSIT_REQUEST)
+        self._sweeps = ReceiveBuffer(Stream.SWEEP, machine_id=machine_id)
+        self._deposit_requests = ReceiveBuffer(Stream.DEPOSIT_REQUEST, machine_id=machine_id)
         self._receive_buffers = {
             Stream.SWEEP: self._sweeps,
             Stream.DEPOSIT_REQUEST: self._deposit_requests,
@@ -138,12 +138,6 @@ class MachineSession:
         if buffer is None:
             raise ExchangeError(
                 f"machines do not send {chunk.stream.name} rows", ErrorCode.STREAM_DIRECTION
-            )
-        buffer.check_type(chunk.rows)
-        if not are_of_machine(chunk.rows, chunk.machine_id):
-            raise ExchangeError(
-                f"machine {chunk.machine_id} sends rows with another machine id",
-                ErrorCode.SENDER_MISMATCH,
             )
         return buffer.add(chunk.rows) > 0
 

@@ -8,7 +8,7 @@ from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import RowRange, Stream
 from msg_bridge.contract.rows import Rows
 
-__all__ = ["check_row_digest", "row_digest"]
+__all__ = ["bytes_digest", "check_row_digest", "row_digest"]
 
 _SIZE = 8
 """Length of a digest [bytes]: headers are arrays of int64."""
@@ -16,9 +16,12 @@ _SIZE = 8
 
 def row_digest(rows: Rows) -> int:
     """Return the SHA-256 digest of numbered rows, cut to an int64; 0 without rows."""
-    if rows.size == 0:
-        return 0
-    digest = hashlib.sha256(rows.tobytes()).digest()
+    return bytes_digest(rows.tobytes()) if rows.size else 0
+
+
+def bytes_digest(data: bytes | bytearray) -> int:
+    """Return the `row_digest` of one or more rows from their memory."""
+    digest = hashlib.sha256(data).digest()
     return int.from_bytes(digest[:_SIZE], "little", signed=True)
 
 

@@ -140,19 +140,20 @@ class SoilExchange:
         """
         if message.run_id != self.run_id:
             return False
+        if isinstance(message, RowChunk):
+            session = self._machines.session(message.machine_id, message.session_id)
+            return session is not None and session.receive_rows(message)
         if isinstance(message, MachineHeader):
             if not message.is_tick:
                 self._receive_join_request(message)
         elif isinstance(message, RetransmitRequest):
             self._retransmit(message)
-        elif not isinstance(message, RowChunk):
+        else:
             return False
         session = self._machines.session(message.machine_id, message.session_id)
         if session is None:
             return False
-        if isinstance(message, RowChunk):
-            return session.receive_rows(message)
-        if isinstance(message, MachineHeader):
+        if isinstance(message, MachineHeader) and message.is_tick:
             self._receive_tick(session, message)
         return session.can_send(message)
 
@@ -330,7 +331,7 @@ class SoilExchange:
             ExchangeError: ROW_RANGE, VOLUME_RANGE, ACKNOWLEDGEMENT or VOLUME_MISMATCH.
         """
         is_near = header.tick <= self.tick + 1 + PIPELINE_DEPTH
-        if header.is_tick and is_near and session.expects(header):
+        if is_near and session.expects(header):
             session.check_header(header)
             self.accounts.check_totals(header)
             session.add_header(header)

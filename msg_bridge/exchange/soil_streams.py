@@ -55,7 +55,8 @@ class SoilStreams:
         self._recent_headers.append(header)
         messages: list[Message] = []
         for stream in _STREAMS:
-            messages += split_into_chunks(self._run_id, stream, rows[stream])
+            if rows[stream].size:
+                messages += split_into_chunks(self._run_id, stream, rows[stream])
         messages.append(header)
         return messages
 

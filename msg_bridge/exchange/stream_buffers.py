@@ -10,14 +10,15 @@ Row numbers are unbounded here and modulo 2**32 in the field `seq`, so a run has
 from __future__ import annotations
 
 from collections import deque
+from functools import lru_cache
 
 import numpy as np
 
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import STREAM_DTYPE, RowRange, Stream
-from msg_bridge.contract.rows import Rows, copy_rows, empty_rows, join_rows
+from msg_bridge.contract.rows import Rows, are_of_machine, empty_rows, join_rows
 from msg_bridge.exchange.reorder_buffer import ReorderBuffer
-from msg_bridge.exchange.row_digest import row_digest
+from msg_bridge.exchange.row_digest import bytes_digest
 
 __all__ = ["MAX_ROWS_IN_FLIGHT", "PIPELINE_DEPTH", "ReceiveBuffer", "SendBuffer", "check_row_range"]
 
@@ -33,6 +34,9 @@ MAX_ROWS_IN_FLIGHT = 4_000_000
 `MAX_ROWS_AHEAD` are kept."""
 
 _MODULUS = 2**32
+
+_DTYPES_IN_CACHE = 64
+"""Number of pairs of row types of which it is kept whether they are equal."""
 
 
 def check_row_range(
@@ -71,6 +75,7 @@ class SendBuffer:
         """
         self.stream = stream
         self._machine_id = machine_id
+        self._dtype = STREAM_DTYPE[stream]
         self._kept_rows: deque[tuple[RowRange, Rows]] = deque()
         self._next = first
 
@@ -84,16 +89,23 @@ class SendBuffer:
 
         Returns:
             (the numbered rows, their range with its digest).
+
+        Raises:
+            ValueError: the rows are of another dtype.
         """
         first = self._next
         if rows.size == 0:
             return rows, RowRange(first)
-        numbered = copy_rows(rows, STREAM_DTYPE[self.stream])
+        if not _are_equal(rows.dtype, self._dtype):
+            raise ValueError(f"rows of {rows.dtype} were given where {self._dtype} is required")
+        # NumPy copies structured arrays field by field, which takes longer than all of this.
+        data = bytearray(rows.tobytes())
+        numbered: Rows = np.frombuffer(data, self._dtype)
         self._next += rows.size
         numbered["seq"] = np.arange(first, self._next)  # wraps modulo 2**32
         if self._machine_id:
             numbered["machine_id"] = self._machine_id
-        span = RowRange(first, rows.size, row_digest(numbered))
+        span = RowRange(first, rows.size, bytes_digest(data))
         self._kept_rows.append((span, numbered))
         return numbered, span
 
@@ -104,7 +116,7 @@ class SendBuffer:
             if span.last >= wanted.first and span.first <= wanted.last:
                 begin = max(wanted.first - span.first, 0)
                 parts.append(rows[begin : wanted.last + 1 - span.first])
-        return join_rows(parts, STREAM_DTYPE[self.stream])
+        return join_rows(parts, self._dtype)
 
     def discard_through(self, through: int) -> None:
         """Discard each batch of rows that ends with row `through` or before."""
@@ -121,14 +133,16 @@ class ReceiveBuffer:
         received: last number up to which no row is missing.
     """
 
-    def __init__(self, stream: Stream, first: int = 1) -> None:
+    def __init__(self, stream: Stream, first: int = 1, *, machine_id: int = 0) -> None:
         """
         Args:
             stream: the stream.
             first: number of the first row expected.
+            machine_id: machine whose id all rows must have; 0: any.
         """
         self.stream = stream
         self.expected = first
+        self._machine_id = machine_id
         self._dtype = STREAM_DTYPE[stream]
         self._no_rows = empty_rows(self._dtype)
         self._ready: deque[Rows] = deque()  # rows from the first expected on, up to the first gap
@@ -140,17 +154,22 @@ class ReceiveBuffer:
         """Number of rows kept, those behind a gap included."""
         return sum(rows.size for rows in self._ready) + len(self._reorder_buffer)
 
-    def check_type(self, rows: Rows) -> None:
-        """Check that an array has the shape and the dtype of rows of the stream.
+    def _check(self, rows: Rows) -> None:
+        """Check that an array has rows of the stream, and of the machine that sends them.
 
         Raises:
-            ExchangeError: ROW_TYPE.
+            ExchangeError: ROW_TYPE or SENDER_MISMATCH.
         """
         if rows.dtype != self._dtype or rows.ndim != 1:
             raise ExchangeError(
                 f"{self.stream.name} rows must be a 1-D array of {self._dtype}, not"
                 f" {rows.ndim}-D of {rows.dtype}",
                 ErrorCode.ROW_TYPE,
+            )
+        if self._machine_id and not are_of_machine(rows, self._machine_id):
+            raise ExchangeError(
+                f"machine {self._machine_id} sends rows with another machine id",
+                ErrorCode.SENDER_MISMATCH,
             )
 
     def add(self, rows: Rows) -> int:
@@ -163,9 +182,10 @@ class ReceiveBuffer:
             The number of new rows.
 
         Raises:
-            ExchangeError: ROW_TYPE; SEQUENCE_NUMBER: numbered far beyond all rows received.
+            ExchangeError: ROW_TYPE, SENDER_MISMATCH; SEQUENCE_NUMBER: numbered far beyond all rows
+                received.
         """
-        self.check_type(rows)
+        self._check(rows)
         if rows.size == 0:
             return 0
         if not self._reorder_buffer and self._continues(rows):  # the usual case
@@ -209,15 +229,26 @@ class ReceiveBuffer:
                 f"{self.stream.name} rows {span.first}..{span.last} are incomplete or discarded",
                 ErrorCode.MISSING_ROWS,
             )
-        if span.count == 0:
+        return self._select(span.first, span.last)
+
+    def rows_through(self, last: int) -> Rows | None:
+        """Return the rows that are not discarded, through number `last`; None if any is missing.
+
+        They must not be modified.
+        """
+        return None if last > self.received else self._select(self.expected, last)
+
+    def _select(self, first: int, last: int) -> Rows:
+        """Return the rows from `first` to `last`, which are here."""
+        if last < first:
             return self._no_rows
-        if span.first == self.expected and span.count == self._ready[0].size:  # the usual case
+        if first == self.expected and last + 1 - first == self._ready[0].size:  # the usual case
             return self._ready[0]
         parts, number = [], self.expected
         for rows in self._ready:
-            if number > span.last:
+            if number > last:
                 break
-            parts.append(rows[max(span.first - number, 0) : span.last + 1 - number])
+            parts.append(rows[max(first - number, 0) : last + 1 - number])
             number += rows.size
         return join_rows(parts, self._dtype)
 
@@ -253,3 +284,12 @@ class ReceiveBuffer:
         if rows.size:
             self._ready.append(rows)
             self.received += rows.size
+
+
+@lru_cache(maxsize=_DTYPES_IN_CACHE)
+def _are_equal(dtype: np.dtype[np.void], other: np.dtype[np.void]) -> bool:
+    """Return whether two row types are equal.
+
+    NumPy compares them field by field. Each kernel returns rows with its own dtype object.
+    """
+    return dtype == other

@@ -143,11 +143,11 @@ class TicksInFlight:
         if answer is None:
             return None
         rows = {}
-        for stream, span in self._spans(answer).items():
-            buffer = self._receive_buffers[stream]
-            if buffer.missing(span):
+        for stream, span in answer.spans.items():
+            received = self._receive_buffers[stream].rows_through(span.last)
+            if received is None:
                 return None
-            rows[stream] = buffer.rows(span)
+            rows[stream] = received
         self._completed = CompletedTick(self._ticks[0].sent, answer, rows)
         return self._completed
 

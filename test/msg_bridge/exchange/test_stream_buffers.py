@@ -3,13 +3,14 @@
 import weakref
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.wire import raises
 
 from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import RowRange, Stream
-from msg_bridge.contract.rows import DEPOSIT_REQUEST, empty_rows
+from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, empty_rows
 from msg_bridge.exchange.stream_buffers import ReceiveBuffer, SendBuffer
 
 
@@ -71,6 +72,20 @@ def test_number_far_ahead_is_rejected() -> None:
     rows["seq"] = 2**31
     with raises(ErrorCode.SEQUENCE_NUMBER):
         ReceiveBuffer(Stream.DEPOSIT_REQUEST).add(rows)
+
+
+def test_rows_of_another_type_are_not_sent() -> None:
+    with pytest.raises(ValueError, match="is required"):
+        SendBuffer(Stream.DEPOSIT_REQUEST).append(empty_rows(SWEEP, 1))
+
+
+def test_rows_of_another_machine_are_rejected() -> None:
+    rows = numbered(3)
+    rows["machine_id"] = (2, 2, 1)
+    incoming = ReceiveBuffer(Stream.DEPOSIT_REQUEST, machine_id=2)
+    with raises(ErrorCode.SENDER_MISMATCH):
+        incoming.add(rows)
+    assert incoming.add(rows[:2]) == 2
 
 
 def test_numbers_continue_beyond_32_bits() -> None:
