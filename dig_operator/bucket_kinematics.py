@@ -121,11 +121,11 @@ class BucketKinematics:
             axis_y + radius * math.sin(pose.azimuth) - axis_y,
             pose.height - axis_z,
         )
-        x, y, _ = _in_frame(offset, observation.base_rotation)
+        x, y, _ = _in_frame(offset, observation.base_rotation.tolist())
         # Of the equivalent swing angles, whole turns apart, the one nearest to the present one.
         swing_now = float(observation.joints[0])
         swing = swing_now + math.remainder(math.atan2(y, x) - swing_now, 2 * math.pi)
-        upper_rotation = observation.base_rotation @ rotation_about_z(swing)
+        upper_rotation = (observation.base_rotation @ rotation_about_z(swing)).tolist()
         reach, _, height = _in_frame(offset, upper_rotation)
         boom, arm = solve_bucket_pin_angles(self._machine, reach, height)
         limits = self._machine.joints["bucket"]
@@ -135,9 +135,8 @@ class BucketKinematics:
 
     def nose_up_angle(self, observation: Observation) -> float:
         """Return the pitch of the upper body [rad]; positive is nose up, negative nose down."""
-        return _nose_up_angle(
-            observation.base_rotation @ rotation_about_z(float(observation.joints[0]))
-        )
+        upper_rotation = observation.base_rotation @ rotation_about_z(float(observation.joints[0]))
+        return _nose_up_angle(upper_rotation.tolist())
 
     def swing_axis(self, observation: Observation) -> Array:
         """Return the origin of the swing joint [m], map frame, shape (3,)."""
@@ -147,13 +146,13 @@ class BucketKinematics:
         )
 
 
-def _in_frame(vector: Vec3, rotation: Array) -> Vec3:
+def _in_frame(vector: Vec3, rotation: list[list[float]]) -> Vec3:
     """Return a vector of the map frame in a frame with a rotation to the map (3, 3)."""
     x, y, z = vector
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
     return x * xx + y * yx + z * zx, x * xy + y * yy + z * zy, x * xz + y * yz + z * zz
 
 
-def _nose_up_angle(upper_rotation: Array) -> float:
+def _nose_up_angle(upper_rotation: list[list[float]]) -> float:
     """Return the pitch [rad], nose up positive, of a body with a rotation to the map (3, 3)."""
-    return math.asin(max(-1.0, min(1.0, float(upper_rotation[2, 0]))))
+    return math.asin(max(-1.0, min(1.0, upper_rotation[2][0])))

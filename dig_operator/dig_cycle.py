@@ -8,7 +8,7 @@ adapted to how full the bucket was.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -33,8 +33,8 @@ _NEXT_PHASE = {
 _LOADED_PHASES = (OperatorPhase.LIFT, OperatorPhase.WAIT, OperatorPhase.SWING)
 """Phases in which the load may tip the machine over."""
 
-_SPILL_VELOCITY = np.array([0.0, 0.0, 0.0, -0.4])
-"""Joint velocities that spill some of the load [rad/s]."""
+_STANDSTILL, _SPILL_VELOCITIES = (0.0,) * 4, (0.0, 0.0, 0.0, -0.4)
+"""Joint velocities that stop all joints, and that spill some of the load [rad/s]."""
 
 _TARGET_PHASES = (OperatorPhase.WAIT, OperatorPhase.SWING, OperatorPhase.DUMP)
 """Phases in which the place to dump at must be ready."""
@@ -113,7 +113,7 @@ class DigCycle:
         }
         self._motion: Motion | None = None
         self._base_filter = BaseFilter(self.params.base_filter_time)
-        self._joint_velocities = np.zeros(4)
+        self._joint_velocities = [0.0] * 4
         self._target_fill = self.params.target_fill
         self._dig_base_rotation = np.eye(3)  # at the start of the last drag
         self._cycle_start_time: float | None = None
@@ -138,23 +138,26 @@ class DigCycle:
         self._update_wait(observation)
         if self._motion is None and self.phase is not OperatorPhase.WAIT:
             self._motion = self._start_phase(observation)
+        targets = _STANDSTILL
         if is_tipping:
-            target_velocities = _SPILL_VELOCITY
-        elif self._motion is None:
-            target_velocities = np.zeros(4)
-        else:
-            target_velocities = self._motion.advance(observation, self._planner.kinematics, dt)
-        max_change = np.array(self.params.max_joint_accelerations) * dt
-        self._joint_velocities = self._joint_velocities + np.minimum(
-            np.maximum(target_velocities - self._joint_velocities, -max_change), max_change
-        )
+            targets = _SPILL_VELOCITIES
+        elif self._motion is not None:
+            motion = self._motion.advance(observation, self._planner.kinematics, dt)
+            targets = tuple(motion.tolist())
+        # Floats: the arrays are too small for numpy to pay at every tick.
+        self._joint_velocities = [
+            velocity + min(max(target - velocity, -acceleration * dt), acceleration * dt)
+            for velocity, target, acceleration in zip(
+                self._joint_velocities, targets, self.params.max_joint_accelerations, strict=True
+            )
+        ]
         is_overfull = (
             self.phase is OperatorPhase.DIG and observation.fill > self.params.overfill_threshold
         )
         is_done = self._motion is not None and self._motion.done
         if is_overfull or (is_done and self._is_settled):
             self._end_phase(observation, dt)
-        return Command(self._joint_velocities.copy(), np.zeros(2))
+        return Command(np.array(self._joint_velocities), np.zeros(2))
 
     @property
     def plan_fraction(self) -> float | None:
@@ -172,7 +175,7 @@ class DigCycle:
         self.has_dug = False
         self.phase, self._motion, self.is_stowed = OperatorPhase.REACH, None, False
         self._num_passes, self._cycle_start_time = 0, None
-        self._joint_velocities = np.zeros(4)
+        self._joint_velocities = [0.0] * 4
         self._base_filter = BaseFilter(self.params.base_filter_time)
 
     def _is_tipping(self, observation: Observation) -> bool:
@@ -180,7 +183,7 @@ class DigCycle:
         if self.phase not in _LOADED_PHASES or observation.fill <= self.params.empty_threshold:
             return False
         nose_up_angle = self._planner.kinematics.nose_up_angle
-        as_when_digging = replace(observation, base_rotation=self._dig_base_rotation)
+        as_when_digging = observation.with_base(observation.base_position, self._dig_base_rotation)
         return nose_up_angle(observation) < nose_up_angle(as_when_digging) - self.params.max_pitch
 
     def _update_wait(self, observation: Observation) -> None:
@@ -201,7 +204,7 @@ class DigCycle:
     @property
     def _is_at_rest(self) -> bool:
         """Whether the commanded speeds are small."""
-        return float(np.abs(self._joint_velocities).max()) < _REST_SPEED
+        return max(map(abs, self._joint_velocities)) < _REST_SPEED
 
     @property
     def _is_settled(self) -> bool:

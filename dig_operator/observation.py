@@ -5,7 +5,7 @@ An observation holds only data that the public topics carry.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,12 @@ class Observation:
     def yaw(self) -> float:
         """Heading of the base [rad], counter-clockwise from the map's +x."""
         return float(np.arctan2(self.base_rotation[1, 0], self.base_rotation[0, 0]))
+
+    def with_base(self, position: Array, rotation: Array) -> Observation:
+        """Return the observation with another pose of the base."""
+        other = object.__new__(Observation)  # `dataclasses.replace` sets field by field
+        vars(other).update(vars(self), base_position=position, base_rotation=rotation)
+        return other
 
     def surface_heights(self, x: Array, y: Array) -> Array:
         """Return the terrain height [m] at points of the map frame, same shape as x and y."""
@@ -120,4 +126,4 @@ class BaseFilter:
         self._rotation = self._rotation + weight * (observation.base_rotation - self._rotation)
         # The rotation nearest to the average.
         u, _, v = np.linalg.svd(self._rotation)
-        return replace(observation, base_rotation=u @ v, base_position=self._position)
+        return observation.with_base(self._position, u @ v)

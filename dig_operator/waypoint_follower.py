@@ -71,6 +71,7 @@ class WaypointFollower:
         self._acceleration_time = min(_ACCELERATION_TIME, self._path_time)
         self._duration: float = self._path_time + self._acceleration_time
         self._time = 0.0
+        self._set_point = self.set_point(0.0)
 
     @property
     def done(self) -> bool:
@@ -85,13 +86,19 @@ class WaypointFollower:
         Raises:
             ReachError: the machine cannot reach the set point.
         """
-        target = kinematics.joint_angles(observation, self.set_point(self._time))
-        lag = float(np.abs(target - observation.joints).max())
+        joints: list[float] = observation.joints.tolist()
+        target: list[float] = kinematics.joint_angles(observation, self._set_point).tolist()
+        lag = max([abs(angle - joint) for angle, joint in zip(target, joints, strict=True)])
         rate = min(1.0, max(0.0, 2.0 - 2.0 * lag / self._max_joint_lag))
         self._time = min(self._time + rate * dt, self._duration)
-        next_target = kinematics.joint_angles(observation, self.set_point(self._time))
-        velocity = (next_target - target) / dt + _TRACKING_GAIN * (next_target - observation.joints)
-        return np.asarray(velocity, dtype=np.float64)
+        self._set_point = self.set_point(self._time)
+        next_target: list[float] = kinematics.joint_angles(observation, self._set_point).tolist()
+        return np.array(
+            [
+                (next_angle - angle) / dt + _TRACKING_GAIN * (next_angle - joint)
+                for next_angle, angle, joint in zip(next_target, target, joints, strict=True)
+            ]
+        )
 
     def set_point(self, time: float) -> BucketPose:
         """Return the set point at a time since the start of an unhindered motion [s]."""
@@ -100,12 +107,8 @@ class WaypointFollower:
         if k == len(self._velocities):
             return BucketPose(*self._poses[-1])
         elapsed = path_time - self._times[k]
-        return BucketPose(
-            *(
-                x + velocity * elapsed
-                for x, velocity in zip(self._poses[k], self._velocities[k], strict=True)
-            )
-        )
+        pairs = zip(self._poses[k], self._velocities[k], strict=True)
+        return BucketPose(*[x + velocity * elapsed for x, velocity in pairs])
 
 
 def path_time_at(time: float, path_time: float, acceleration_time: float) -> float:

@@ -20,6 +20,7 @@ from machine_sim.endpoint import MachineEndpoint
 from machine_sim.simulation import MachineSim
 from msg_bridge.contract.errors import ErrorCode, ExchangeError, ParameterError
 from msg_bridge.contract.ledger import Ledger
+from msg_bridge.contract.rows import Rows
 from msg_bridge.exchange.direct_transport import DirectTransport
 from msg_bridge.exchange.machine_exchange import MachineExchange
 from msg_bridge.exchange.tick_answer import TickAnswer
@@ -39,6 +40,8 @@ class World:
         machines: machines by machine_id, from 1.
         ledger: ledger of the last tick.
         answers: answer that each machine applied last, by machine_id; of the tick before the last.
+        surface: heights rounded to float32, as in messages [m], shape (rows, cols), float64;
+            changed in place.
     """
 
     def __init__(self, soil: Soil, machines: Mapping[int, MachineSim]) -> None:
@@ -59,8 +62,9 @@ class World:
         self.soil = soil
         self.machines = dict(machines)
         self.answers: dict[int, TickAnswer] = {}
-        self._surface_revision: int | None = None
-        self._surface: NDArray[np.float64] = np.zeros((0, 0))
+        self.surface: NDArray[np.float64] = soil.columns.height.astype(np.float32).astype(
+            np.float64
+        )
         self._soil_endpoint = SoilEndpoint(soil, expected=self.machines)
         self._machine_endpoints = {
             machine_id: MachineEndpoint(machine, MachineExchange(machine_id))
@@ -77,17 +81,6 @@ class World:
     def tick(self) -> int:
         """Number of the last tick done; 0 before the first."""
         return self._soil_endpoint.tick
-
-    @property
-    def surface(self) -> NDArray[np.float64]:
-        """Heights rounded to float32, as in messages [m], shape (rows, cols), float64.
-
-        It is the same array until the terrain changes; do not write to it.
-        """
-        if self._surface_revision != self.soil.revision:
-            self._surface_revision = self.soil.revision
-            self._surface = self.soil.columns.height.astype(np.float32).astype(np.float64)
-        return self._surface
 
     def step(self) -> Ledger:
         """Advance all machines and the soil by one tick; return the ledger of the tick."""
@@ -113,6 +106,9 @@ class World:
             )
         for reason in done.step.rejected_tools:
             _log.warning("tick %d: %s", done.ledger.tick, reason)
+        updates: Rows = done.step.map_updates
+        if updates.size:
+            self.surface[updates["row"], updates["col"]] = updates["z"]
         self._transport.deliver()
         return done.ledger
 

@@ -1,5 +1,7 @@
 """Observation: strips of terrain; BaseFilter: the low-pass filter of the base pose."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -43,6 +45,14 @@ def test_terrain_beyond_the_map_is_level():
 
 def test_yaw_is_the_heading_of_the_base():
     assert observation(rotation=tilted(roll=0.1, pitch=0.1, yaw=2.0)).yaw == pytest.approx(2.0)
+
+
+def test_observation_with_another_base_differs_only_in_that():
+    first = observation(position=(1.0, 2.0, 3.0), rotation=tilted(pitch=0.1), fill=0.7)
+    moved = first.with_base(np.zeros(3), np.eye(3))
+    expected = replace(first, base_position=moved.base_position, base_rotation=moved.base_rotation)
+    assert vars(moved) == vars(expected)
+    assert first.base_position.tolist() == [1.0, 2.0, 3.0]
 
 
 def test_first_pose_passes_unfiltered():
