@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from std_srvs.srv import Trigger
@@ -16,6 +18,8 @@ from msg_bridge.testing.ros_context import Ros
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 ShowPage = Callable[..., LivePage]
+
+BAG = Path(__file__).parents[2] / "bags/format_2"
 
 SLOW_LINK = 10e3
 """Rate of the slow link [bytes/s]: a few frames a second of the 50 that a fast one carries."""
@@ -57,6 +61,30 @@ def test_page_reconnects_to_a_restarted_viewer_and_a_new_run(
     site.ros.call(Trigger, "/sim/reset", Trigger.Request())
     page.wait_until(lambda: page.state()["run"] not in (run, None), site.spin, LOADED)
     site.wait_for_terrain(page)
+
+
+def test_recording_stays_where_it_was_shown_when_its_server_is_restarted(
+    ros_process: StartProcess, open_page: Callable[[str], LivePage]
+) -> None:
+    command = [sys.executable, "-m", "earthmoving_sim", "view", str(BAG), "--no-browser", "--port"]
+    server = ros_process([*command, "0"])
+    url = server.wait_for_output(r"http://localhost:\d+/").group()
+    page = open_page(f"{url}?help=no&quality=low")
+    page.wait_until(lambda: page.is_shown, timeout=LOADED)
+    time = page.page.get_by_test_id("timeline-time")
+    waiting = page.page.get_by_test_id("timeline-waiting")
+    page.page.keyboard.press("Space")
+    page.page.get_by_label("Play", exact=True).wait_for(timeout=1e3 * LOADED)
+    page.page.keyboard.press("End")
+    page.wait_until(lambda: not waiting.is_visible())
+    shown = time.inner_text()
+    server.stop()
+    page.wait_until(lambda: page.state()["connection"] != "online")
+    page.page.keyboard.press("Home")  # is lost
+    ros_process([*command, url.rstrip("/").rpartition(":")[2]])
+    page.wait_until(lambda: page.state()["connection"] == "online", timeout=LOADED)
+    page.wait_until(lambda: time.inner_text() == shown and not waiting.is_visible())
+    page.page.get_by_label("Play", exact=True).wait_for(timeout=1e3 * LOADED)
 
 
 def test_large_map_arrives_whole(ros: Ros, ros_process: StartProcess, show_page: ShowPage) -> None:

@@ -39,9 +39,13 @@ export class Timeline implements Part {
   private state: TimelineMessage | null = null;
   /** Goal of a seek that the server has not reached yet [s from the start]. */
   private goal: number | null = null;
+  /** Name of the bag that is shown; empty without one. */
+  private bag = "";
   private isDragging = false;
   private lastSeek = 0;
   private lastProgress = 0;
+  /** What is shown again when the connection to this bag is back. */
+  private kept: { bag: string; state: TimelineMessage } | null = null;
   readonly element: HTMLElement;
 
   constructor(private readonly context: UiContext) {
@@ -71,7 +75,22 @@ export class Timeline implements Part {
     );
   }
 
+  /** Receive that a source was opened: its playback begins at the start. */
+  helloReceived(): void {
+    const { hello } = this.context.app.world;
+    if (this.state !== null && this.bag !== "") this.kept = { bag: this.bag, state: this.state };
+    this.bag = showsBag(this.context.app) ? (hello?.title ?? "") : "";
+    this.state = this.goal = null;
+    if (this.kept?.bag !== this.bag) this.kept = null;
+  }
+
   receive(message: TimelineMessage): void {
+    if (this.kept !== null) {
+      const { state } = this.kept;
+      this.kept = null;
+      this.state = message;
+      this.continueAt(state);
+    }
     if (message.time !== this.state?.time || message.paused) this.lastProgress = performance.now();
     this.state = message;
     if (this.goal !== null && Math.abs(message.time - message.start - this.goal) < SEEK_TOLERANCE) this.goal = null;
@@ -144,6 +163,14 @@ export class Timeline implements Part {
     return this.state === null ? 0 : this.state.time - this.state.start;
   }
 
+  /** Continue a bag where it was shown when the connection was lost. */
+  private continueAt({ time, start, rate, paused }: TimelineMessage): void {
+    const { connection } = this.context.app;
+    connection.send({ type: "playback", action: "rate", value: rate });
+    connection.send({ type: "playback", action: paused ? "pause" : "play" });
+    this.seek(time - start);
+  }
+
   private togglePlay(): void {
     if (this.state === null) return;
     const isAtEnd = this.state.time >= this.state.end - 1e-3;
@@ -176,9 +203,9 @@ export class Timeline implements Part {
 
   private seek(position: number): void {
     const value = clamp(position, 0, this.length);
-    this.goal = value;
     this.lastSeek = performance.now();
-    this.context.app.connection.send({ type: "playback", action: "seek", value });
+    // Without a connection nothing is sought, and no answer ends the wait for the goal.
+    this.goal = this.context.app.connection.send({ type: "playback", action: "seek", value }) ? value : null;
     this.update();
   }
 }

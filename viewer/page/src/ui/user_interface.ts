@@ -177,6 +177,7 @@ class Composition implements UserInterface, UiContext {
     const { hello } = this.app.world;
     this.session.selectMachine(null);
     this.session.setAvailable(hello?.may_drive === true);
+    this.timeline.helloReceived();
     setAttribute(this.app.root, "data-source", hello?.source);
     document.title = hello?.title ? `${hello.title} – earthmoving_sim` : "earthmoving_sim";
     this.update();
