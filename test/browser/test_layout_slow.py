@@ -71,6 +71,10 @@ def test_on_screen_levers_fit_the_windows_of_phones(site: LiveSite, open_page: O
     page.wait_until(lambda: page.is_shown, site.spin, LOADED)
     page.page.get_by_test_id("touch-lever-left").wait_for()
     assert {size: bad for size in PHONES if (bad := unreachable(page, TOUCH_CONTROLS, size))} == {}
+    page.page.get_by_test_id("emergency-stop").click(timeout=1e3 * LOADED)
+    release = ("emergency-stop-release",)
+    page.page.get_by_test_id(*release).wait_for(timeout=1e3 * LOADED)
+    assert {size: bad for size in PHONES if (bad := unreachable(page, release, size))} == {}
 
 
 def test_timeline_fits_narrow_windows(ros_process: StartProcess, open_page: OpenPage) -> None:

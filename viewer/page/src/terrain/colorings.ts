@@ -91,7 +91,7 @@ export function scaleRange(id: string, heights: ScaleRange): ScaleRange {
 /** Return the legend of a colouring; null for natural colours. */
 export function legendOf(id: string, range: ScaleRange, site: SiteMessage | null): Legend | null {
   if (id === "soil") {
-    const items = (site?.soils ?? []).map(({ name, color }) => ({ label: name, color }));
+    const items = (site?.soils ?? []).map(({ name, color }) => ({ label: name || "unnamed soil", color }));
     return { kind: "swatches", title: "Soil", items };
   }
   const scale = SCALES[id];

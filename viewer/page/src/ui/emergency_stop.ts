@@ -55,8 +55,12 @@ export class EmergencyStop implements Part {
 
   press(): void {
     const { app, session, toasts } = this.context;
-    if (this.element.hidden) return;
+    if (app.world.hello?.source !== "live") return;
     this.releaseLevers();
+    if (session.selectedMachine === null && app.connection.status === "online") {
+      toasts.show("There is no machine: the emergency stop was NOT sent.", "error");
+      return;
+    }
     if (app.connection.status !== "online") {
       toasts.show("Not connected: the emergency stop was NOT sent. The levers have been released.", "error");
       return;

@@ -31,7 +31,8 @@ export class Menu {
     setAttribute(this.button, "aria-expanded", "false");
     setAttribute(this.button, "aria-controls", this.panel.id);
     this.element = make("div", { class: "menu" }, this.button, this.panel);
-    this.element.addEventListener("keydown", (event) => {
+    // Wherever the focus is: a choice that was made with the pointer gives it back to the levers.
+    document.addEventListener("keydown", (event) => {
       if (event.key !== "Escape" || this.panel.hidden) return;
       event.stopPropagation();
       this.close();
