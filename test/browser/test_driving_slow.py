@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.live_page import LOADED, LivePage
 from support.live_site import LiveSite
+from support.throttled_relay import ThrottledRelay
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
@@ -58,6 +59,26 @@ def test_page_that_ends_while_it_drives_stops_the_machine(
     page.wait_until(lambda: site.swing_velocity > MOVING, site.spin)
     end(page)
     site.ros.spin_until(lambda: abs(site.swing_velocity) < AT_REST)
+
+
+def test_stalled_connection_is_shown_and_its_driver_releases_the_levers(
+    site: LiveSite, open_page: Callable[[str], LivePage]
+) -> None:
+    relay = ThrottledRelay(site.port)
+    try:
+        page = open_page(f"{site.url.replace(str(site.port), str(relay.port))}?help=no")
+        page.wait_until(lambda: page.is_shown, site.spin, LOADED)
+        page.take_control()
+        banner = page.page.get_by_test_id("banner-connection")
+        assert not banner.is_visible()
+        with page.held("a"):
+            page.wait_until(lambda: site.swing_velocity > MOVING, site.spin)
+            relay.bytes_per_second = 1.0  # the way to the page; that of the levers stays open
+            page.wait_until(banner.is_visible, site.spin)
+            wait_for_rest(page, site)
+        assert page.state()["connection"] == "online"
+    finally:
+        relay.close()
 
 
 def test_one_of_two_viewers_drives(site: LiveSite, show_page: ShowPage) -> None:

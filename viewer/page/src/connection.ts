@@ -2,6 +2,7 @@
 
 import { decode, encode } from "@msgpack/msgpack";
 import { PROTOCOL, type PageMessage, type PictureMessage, type ServerMessage } from "./protocol";
+import { Silence } from "./silence";
 
 /**
  * - `connecting`: a socket is being opened, or the login has not been answered yet.
@@ -42,6 +43,7 @@ export class Connection {
   refusalCode = "";
   /** Bytes received since the page was loaded. */
   bytesReceived = 0;
+  private readonly silence = new Silence();
 
   private socket: WebSocket | null = null;
   private attempts = 0;
@@ -53,6 +55,20 @@ export class Connection {
 
   get source(): Source {
     return this.options.source;
+  }
+
+  /** Whether the connection is open, but nothing arrives: what is shown is old, and what is sent may not arrive. */
+  get isStalled(): boolean {
+    return this.status === "online" && this.silence.isLong;
+  }
+
+  /** Receive the time [ms], about every 100 ms: a connection on which nothing arrives is stalled, and later opened again. */
+  advance(now: number): void {
+    this.silence.advance(now);
+    if (this.status !== "online" || !this.silence.isLoss) return;
+    const { socket } = this;
+    this.lost();
+    socket?.close();
   }
 
   /** Open the connection; it is reopened whenever it is lost, until `close`. */
@@ -115,6 +131,7 @@ export class Connection {
 
   private receive(data: ArrayBuffer): void {
     this.bytesReceived += data.byteLength;
+    this.silence.end();
     const message = decode(new Uint8Array(data)) as ServerMessage;
     if (message.type === "hello") {
       this.attempts = 0;

@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, describe, it } from "node:test";
 import { DrivingSession } from "../src/driving/driving_session";
+import { MachineSelection } from "../src/driving/machine_selection";
 
 const MACHINE = "/excavator";
 
@@ -48,6 +49,15 @@ describe("a driving session", () => {
     session.setHeldKeys(["w"]);
     session.receiveControl(drivers(true));
     assert.deepEqual(lastDrive().held, ["w"]);
+  });
+
+  it("takes control of a machine that replaces another one by a button only", () => {
+    session.selectMachine("/truck", true);
+    assert.equal(session.takeControlByLever(), false);
+    session.setTouchDeflections({ left_x: 1 });
+    assert.deepEqual(sent, []);
+    session.takeControl();
+    assert.deepEqual(sent, [{ type: "take_control", machine: "/truck" }]);
   });
 
   it("takes a machine from another page only by force", () => {
@@ -144,5 +154,23 @@ describe("a driving session", () => {
     session.takeControl();
     session.receiveError();
     assert.equal(session.state, "free");
+  });
+});
+
+describe("the selection of a machine", () => {
+  it("returns to the machine that was shown before a lost connection", () => {
+    const selection = new MachineSelection();
+    assert.equal(selection.pick(["/digger", "/truck"], null, false), "/digger");
+    selection.choose("/truck");
+    assert.equal(selection.pick(["/digger"], null, false), "/digger");
+    assert.equal(selection.isReplacement("/digger"), true);
+    assert.equal(selection.pick(["/digger", "/truck"], "/digger", false), "/truck");
+    assert.equal(selection.isReplacement("/truck"), false);
+  });
+
+  it("keeps a replacement that is driven", () => {
+    const selection = new MachineSelection();
+    selection.choose("/truck");
+    assert.equal(selection.pick(["/digger", "/truck"], "/digger", true), "/digger");
   });
 });

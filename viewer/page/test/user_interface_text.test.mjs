@@ -1,7 +1,9 @@
 import assert from "node:assert/strict";
 import { describe, it } from "node:test";
 import { formatInteger, formatNumber, formatTime, formatVolume } from "../src/ui/format";
+import { legendOf } from "../src/terrain/colorings";
 import { controlWords } from "../src/ui/joint_words";
+import { TickProgress } from "../src/ui/tick_progress";
 
 describe("numbers", () => {
   it("have no sign at zero", () => {
@@ -44,5 +46,22 @@ describe("the words of a lever", () => {
 
   it("are empty where nothing moves", () => {
     assert.equal(controlWords(machine({}), "left_x", 1), "");
+  });
+});
+
+describe("the legend of the soils", () => {
+  it("has words for a soil without a name", () => {
+    const { items } = legendOf("soil", { low: 0, high: 1 }, { soils: [{ name: "" }, { name: "loam" }] });
+    assert.deepEqual(items.map(({ label }) => label), ["unnamed soil", "loam"]);
+  });
+});
+
+describe("the progress of the ticks", () => {
+  it("ends when none has come for some time", () => {
+    const progress = new TickProgress();
+    assert.equal(progress.update(7, 0), false);
+    assert.equal(progress.update(7, 1500), false);
+    assert.equal(progress.update(7, 2500), true);
+    assert.equal(progress.update(8, 2600), false);
   });
 });

@@ -31,6 +31,8 @@ export class DrivingSession {
   private mayDrive = false;
   private drivers: ControlMessage["drivers"] = {};
   private isRequested = false;
+  /** Whether the machine was selected in place of another one, and not by the user. */
+  private isReplacement = false;
   /** Source whose deflection asked for control. */
   private requester: DeflectionSource | null = null;
   private held: readonly string[] = [];
@@ -99,8 +101,13 @@ export class DrivingSession {
     this.changed();
   }
 
-  /** Select the machine; control of another one is released. */
-  selectMachine(id: string | null): void {
+  /**
+   * Select the machine; control of another one is released.
+   *
+   * @param isReplacement whether it replaces a machine that has gone: levers do not take control of it, buttons do.
+   */
+  selectMachine(id: string | null, isReplacement = false): void {
+    this.isReplacement = isReplacement;
     if (id === this.machine) return;
     if (this.isDriving || this.isRequested) this.releaseControl();
     this.machine = id;
@@ -127,9 +134,17 @@ export class DrivingSession {
     const { state, machine } = this;
     if (machine === null || !(state === "free" || (state === "taken" && force))) return;
     this.isRequested = true;
+    this.isReplacement = false;
     this.requester = null;
     this.send(force ? { type: "take_control", machine, force } : { type: "take_control", machine });
     this.changed();
+  }
+
+  /** Ask for control of a free machine because a lever was deflected; return whether it was asked for. */
+  takeControlByLever(): boolean {
+    if (this.state !== "free" || this.isReplacement) return false;
+    this.takeControl();
+    return true;
   }
 
   releaseControl(): void {
@@ -153,10 +168,7 @@ export class DrivingSession {
    */
   setTouchDeflections(deflections: Deflections): void {
     const wasAtRest = isAtRest(mergeDeflections(this.sources.touch));
-    if (wasAtRest && !isAtRest(mergeDeflections(deflections)) && this.state === "free") {
-      this.takeControl();
-      this.requester = "touch";
-    }
+    if (wasAtRest && !isAtRest(mergeDeflections(deflections)) && this.takeControlByLever()) this.requester = "touch";
     this.setDeflections("touch", deflections);
   }
 

@@ -35,12 +35,16 @@ export class Banners implements Part {
   update(): void {
     const { app, session } = this.context;
     const { status } = app.connection;
+    const isStalled = app.connection.isStalled;
     const isLost = status === "waiting" || status === "closed" || (status === "connecting" && app.world.hello !== null);
-    setShown(this.connection, isLost || (status === "connecting" && app.world.hello === null));
+    setShown(this.connection, isLost || isStalled || (status === "connecting" && app.world.hello === null));
     if (status === "online") this.wasDriving = false;
     if (isLost) {
       const levers = this.wasDriving ? " The levers were released; take control again afterwards." : "";
       setText(this.connection, `Connection lost. Reconnecting…${levers}`);
+    } else if (isStalled) {
+      const levers = session.isDriving ? " All levers were released." : "";
+      setText(this.connection, `Nothing arrives from the server: the picture is old.${levers}`);
     } else {
       setText(this.connection, "Connecting…");
     }

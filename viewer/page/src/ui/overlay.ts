@@ -1,13 +1,14 @@
 /** Panel with the state of connection, simulation, ledger and machine. */
 
 import { ValueRow } from "./bars";
-import type { Part, UiContext } from "./context";
+import { showsBag, type Part, type UiContext } from "./context";
 import { make, makeButton, setAttribute, setShown, setText } from "./dom";
 import { Conditions } from "./conditions";
 import { formatInteger, formatName, formatNumber, formatValue, formatVolume, UNKNOWN } from "./format";
 import { makeIcon } from "./icons";
 import { MachineSection } from "./machine_section";
 import { readSetting, writeSetting } from "./settings";
+import { TickProgress } from "./tick_progress";
 
 /** Accounts of the ledger, in the order of its documentation. */
 const ACCOUNTS = ["terrain", "particles", "pending", "in_flight", "absent", "outside"] as const;
@@ -77,8 +78,8 @@ export class Overlay implements Part {
   update(): void {
     const { connection, world } = this.context.app;
     setText(this.title, world.hello?.title || "earthmoving_sim");
-    setText(this.status, statusText(connection.status, world.hello?.source));
-    setAttribute(this.dot, "data-status", connection.status);
+    setText(this.status, connection.isStalled ? "No answer" : statusText(connection.status, world.hello?.source));
+    setAttribute(this.dot, "data-status", connection.isStalled ? "waiting" : connection.status);
     if (this.body.hidden) return;
     this.simulation.update(this.context);
     this.ledger.update(this.context);
@@ -94,6 +95,7 @@ class SimulationSection {
   private readonly latency = new ValueRow("Latency", "latency", "From the server to this page and back");
   private readonly fps = new ValueRow("Display", "fps", "Drawn frames per second");
   private readonly conditions = new Conditions();
+  private readonly progress = new TickProgress();
   readonly element = make(
     "details",
     { class: "section", open: true, "data-testid": "section-simulation" },
@@ -113,12 +115,14 @@ class SimulationSection {
 
   update({ app }: UiContext): void {
     const { frame } = app.world;
+    const isStill = this.progress.update(frame?.tick ?? null, performance.now());
+    const isStuck = isStill && frame?.paused === false && !showsBag(app);
     this.time.setValue(formatValue(frame?.time, 2, "s"));
     this.tick.setValue(frame === null || frame.tick < 0 ? UNKNOWN : formatInteger(frame.tick));
-    this.factor.setValue(frame ? `× ${formatNumber(frame.rtf, 2)}` : UNKNOWN);
+    this.factor.setValue(frame ? `× ${formatNumber(isStuck ? 0 : frame.rtf, 2)}` : UNKNOWN);
     setAttribute(this.factor.element, "data-warning", frame !== null && !frame.paused && frame.rtf < 0.9);
-    this.state.setValue(frame === null ? UNKNOWN : frame.paused ? "paused" : "running");
-    setAttribute(this.state.element, "data-warning", frame?.paused === true);
+    this.state.setValue(frame === null ? UNKNOWN : frame.paused ? "paused" : isStuck ? "no ticks" : "running");
+    setAttribute(this.state.element, "data-warning", frame?.paused === true || isStuck);
     this.latency.setValue(formatValue(frame?.latency_ms, 0, "ms"));
     this.fps.setValue(formatValue(app.view.framesPerSecond(), 0, "fps"));
     this.conditions.update(frame?.status ?? {});

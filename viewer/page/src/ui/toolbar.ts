@@ -21,6 +21,7 @@ const CAMERA_TITLES: Record<CameraName, string> = {
 export interface ToolbarActions {
   openHelp(): void;
   openSource(source: "live" | { bag: string }): void;
+  selectMachine(id: string): void;
   /** The colouring was changed. */
   coloringChanged(): void;
   sound: SoundSwitch;
@@ -146,15 +147,14 @@ export class Toolbar implements Part {
   }
 
   private updateMachines(): void {
-    const { app, session } = this.context;
+    const { app } = this.context;
     const ids = [...app.world.machines.keys()].join("\n");
     setShown(this.machines.element, app.world.machines.size > 1);
     if (ids !== this.machineIds) {
       this.machineIds = ids;
       const choices = [...app.world.machines.values()].map((m) => ({ value: m.id, label: formatName(machineName(m)) }));
       this.machineChoices = new ChoiceList("Machine", "machine-choice", choices, (id) => {
-        session.selectMachine(id);
-        app.view.selectMachine(id);
+        this.actions.selectMachine(id);
         this.machines.close();
       });
       this.machines.panel.replaceChildren(this.machineChoices.element);

@@ -4,15 +4,16 @@ import { isAtRest, keyDeflections, mergeDeflections, type Deflections } from "..
 import { DRIVE_INTERVAL_MS, DrivingSession } from "../driving/driving_session";
 import { Gamepads } from "../driving/gamepads";
 import { Keyboard } from "../driving/keyboard";
+import { MachineSelection } from "../driving/machine_selection";
 import type { ControlMessage } from "../protocol";
 import type { MachineState } from "../world_state";
 import { Banners } from "./banners";
-import { showsBag, type Part, type UiContext } from "./context";
+import { machineName, showsBag, type Part, type UiContext } from "./context";
 import { isDialogOpen } from "./dialog";
 import { make, setAttribute } from "./dom";
 import { DriveBar } from "./drive_bar";
 import { EmergencyStop } from "./emergency_stop";
-import { sentence } from "./format";
+import { formatName, sentence } from "./format";
 import { Help } from "./help";
 import type { App } from "./interfaces";
 import { Legend } from "./legend";
@@ -30,6 +31,9 @@ const UPDATE_INTERVAL_MS = 100;
 
 /** Time after a take-over in which refused drive messages need no explanation of their own [ms]. */
 const TAKE_OVER_MS = 1500;
+
+/** Time after which a machine counts as gone [ms]: after a lost connection the machines arrive one by one. */
+const REPLACEMENT_MS = 1000;
 
 /** What the rest of the page reads of the user interface. */
 export interface UserInterface {
@@ -60,6 +64,11 @@ class Composition implements UserInterface, UiContext {
   private readonly keyboard: Keyboard | undefined;
   private layout: ReadonlyMap<string, string> | null = null;
   private lostControlAt = -Infinity;
+  private readonly selection = new MachineSelection();
+  /** Time [ms] since which another machine is selected than the user saw. */
+  private replacedAt: number | null = null;
+  /** Source whose machines are selected from. */
+  private shownSource = "";
 
   constructor(readonly app: App) {
     this.session = new DrivingSession(
@@ -80,6 +89,7 @@ class Composition implements UserInterface, UiContext {
     this.toolbar = new Toolbar(this, {
       openHelp: () => this.openHelp(),
       openSource: (source) => this.openSource(source),
+      selectMachine: (id) => this.chooseMachine(id),
       coloringChanged: () => this.legend.refresh(),
       sound: this.sound,
     });
@@ -94,7 +104,7 @@ class Composition implements UserInterface, UiContext {
       focusLost: () => this.focusLost(),
     });
     new Gamepads(window, {
-      isBlocked: () => isDialogOpen() || this.login.isOpen,
+      isBlocked: () => isDialogOpen() || this.login.isOpen || this.app.connection.isStalled,
       deflected: (deflections) => this.session.setDeflections("gamepad", deflections),
       stopPressed: () => this.stop.press(),
       startPressed: () => this.session.takeControl(),
@@ -103,7 +113,11 @@ class Composition implements UserInterface, UiContext {
     this.subscribe();
     void this.readLayout();
     setInterval(() => this.session.tick(), DRIVE_INTERVAL_MS);
-    setInterval(() => this.update(), UPDATE_INTERVAL_MS);
+    setInterval(() => {
+      this.checkSilence();
+      this.checkReplacement();
+      this.update();
+    }, UPDATE_INTERVAL_MS);
   }
 
   get selectedMachine(): string | null {
@@ -175,6 +189,9 @@ class Composition implements UserInterface, UiContext {
 
   private helloReceived(): void {
     const { hello } = this.app.world;
+    const source = `${hello?.source} ${hello?.title}`;
+    if (source !== this.shownSource) this.selection.forget();
+    this.shownSource = source;
     this.session.selectMachine(null);
     this.session.setAvailable(hello?.may_drive === true);
     this.timeline.helloReceived();
@@ -185,22 +202,43 @@ class Composition implements UserInterface, UiContext {
 
   private machinesChanged(): void {
     const { machines } = this.app.world;
-    const selected = this.session.selectedMachine;
-    if (selected === null || !machines.has(selected)) {
-      const first = [...machines.keys()][0] ?? null;
-      this.session.selectMachine(first);
-      if (first !== null) this.app.view.selectMachine(first);
-    }
+    this.selectMachine(this.selection.pick(machines.keys(), this.session.selectedMachine, this.session.isDriving));
     const isFirstVisit = readSetting("help_seen") === null && new URLSearchParams(location.search).get("help") !== "no";
     if (machines.size > 0 && isFirstVisit && !isDialogOpen()) this.openHelp();
     this.help.refresh(); // the levers of a machine may arrive after its shape
     this.update();
   }
 
+  private chooseMachine(id: string): void {
+    this.selection.choose(id);
+    this.selectMachine(id);
+  }
+
+  private selectMachine(id: string | null): void {
+    const isNew = id !== this.session.selectedMachine;
+    this.session.selectMachine(id, this.selection.isReplacement(id));
+    if (id !== null && isNew) this.app.view.selectMachine(id);
+  }
+
+  /** Say once that another machine is selected than before. */
+  private checkReplacement(): void {
+    const isReplacement = this.selection.isReplacement(this.session.selectedMachine) && !showsBag(this.app);
+    const machine = this.machine();
+    const now = performance.now();
+    if (!isReplacement || machine === null) this.replacedAt = null;
+    else this.replacedAt ??= now;
+    if (machine === null || this.replacedAt === null || now - this.replacedAt < REPLACEMENT_MS) return;
+    this.replacedAt = Infinity;
+    const name = formatName(machineName(machine));
+    this.toasts.show(`The machine has gone. Selected now: ${name}; take control of it with the button.`, "error");
+  }
+
   private controlReceived(message: ControlMessage): void {
     const wasDriving = this.session.isDriving;
     this.session.receiveControl(message);
-    if (!wasDriving || this.session.isDriving) return;
+    const { isDriving, selectedMachine } = this.session;
+    if (isDriving && selectedMachine !== null) this.selection.choose(selectedMachine);
+    if (!wasDriving || isDriving) return;
     this.lostControlAt = performance.now();
     const { driver } = this.session;
     if (driver !== null) this.toasts.show(`Viewer ${driver} took over the machine; your levers were released.`, "error");
@@ -224,13 +262,22 @@ class Composition implements UserInterface, UiContext {
   }
 
   private isLever(name: string): boolean {
+    const { connection } = this.app;
     const { hello } = this.app.world;
-    return hello?.source === "live" && hello.may_drive && name in hello.keys && !isDialogOpen() && !this.login.isOpen;
+    const isLive = hello?.source === "live" && hello.may_drive && !connection.isStalled;
+    return isLive && name in hello.keys && !isDialogOpen() && !this.login.isOpen;
   }
 
   private heldChanged(held: string[]): void {
-    if (held.length > 0 && this.session.state === "free") this.session.takeControl();
+    if (held.length > 0 && !this.session.takeControlByLever()) this.explainLever();
     this.session.setHeldKeys(held);
+  }
+
+  /** Say why a lever key moves nothing. */
+  private explainLever(): void {
+    const { driver, state } = this.session;
+    if (state === "taken") this.toasts.show(`Viewer ${driver} drives this machine; "Take over" gives you the control.`);
+    else if (state === "free") this.toasts.show("Another machine was selected: take control of it with the button.");
   }
 
   /** Receive a key that is no lever; return whether it had a meaning. */
@@ -274,6 +321,13 @@ class Composition implements UserInterface, UiContext {
     this.keyboard?.releaseAll();
     this.touch.release();
     this.session.releaseLevers();
+  }
+
+  /** Release all levers while nothing arrives: what moves the machine would not be seen, and may arrive much later. */
+  private checkSilence(): void {
+    const { connection } = this.app;
+    connection.advance(performance.now());
+    if (connection.isStalled) this.releaseInputs();
   }
 
   private setTouch(on: boolean): void {
