@@ -77,6 +77,24 @@ def test_on_screen_levers_fit_the_windows_of_phones(site: LiveSite, open_page: O
     assert {size: bad for size in PHONES if (bad := unreachable(page, release, size))} == {}
 
 
+def test_menu_leaves_the_emergency_stop_free_and_closes_by_escape(
+    site: LiveSite, show_page: Callable[[LiveSite], LivePage]
+) -> None:
+    page = show_page(site)
+    page.page.get_by_test_id("view-menu").click(timeout=1e3 * LOADED)
+    panel = page.page.get_by_test_id("view-menu-panel")
+    panel.get_by_text("Soil").click(timeout=1e3 * LOADED)
+    stop = page.page.get_by_test_id("emergency-stop")
+    assert stop.evaluate(
+        """(button) => {
+            const { x, y, width, height } = button.getBoundingClientRect();
+            return button.contains(document.elementFromPoint(x + width / 4, y + height / 4));
+        }"""
+    )
+    page.page.keyboard.press("Escape")
+    panel.wait_for(state="hidden", timeout=1e3 * LOADED)
+
+
 def test_timeline_fits_narrow_windows(ros_process: StartProcess, open_page: OpenPage) -> None:
     server = ros_process(
         [sys.executable, "-m", "earthmoving_sim", "view", str(BAG), "--port", "0", "--no-browser"]
