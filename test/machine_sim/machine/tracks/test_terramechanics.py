@@ -124,7 +124,8 @@ def test_slip_grows_with_pull(scene, spec, tracks):
         steady_slip(scene(soil=firm_sand, position=(-9.0, 0.0), tracks=tracks), pull)
         for pull in pulls
     ]
-    assert abs(slips[0]) < 0.01
+    # Of dynamic tracks from 20 starting points the slip without a pull is -0.002 to -0.014.
+    assert abs(slips[0]) < 0.025
     assert 0.004 < slips[1] - slips[0] < 0.03
     assert 0.03 < slips[2] - slips[0] < 0.12
 
