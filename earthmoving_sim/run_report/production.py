@@ -12,10 +12,12 @@ from earthmoving_sim.run_report.page import Page
 from earthmoving_sim.run_report.run_data import RunData
 from earthmoving_sim.run_report.trace import Trace
 
-__all__ = ["add_production", "rate_lines", "total_lines"]
+__all__ = ["MIN_RATE_STEPS", "RATE_WINDOWS", "add_production", "rate_lines", "total_lines"]
 
-_MIN_RATE_STEPS = 30
-_RATE_WINDOWS = 60
+MIN_RATE_STEPS = 30
+"""Number of samples below which no rate is drawn."""
+RATE_WINDOWS = 60
+"""Intervals of a recording over each of which a rate is taken."""
 _HOUR = 3600.0
 
 
@@ -56,9 +58,9 @@ def rate_lines(totals: Mapping[int, Trace], span: tuple[float, float]) -> list[L
     lines = []
     for line in total_lines(totals, span):
         first, last = float(line.times[0]), float(line.times[-1])
-        if line.times.size < _MIN_RATE_STEPS or last <= first:
+        if line.times.size < MIN_RATE_STEPS or last <= first:
             continue
-        edges = np.linspace(first, last, _RATE_WINDOWS + 1)
+        edges = np.linspace(first, last, RATE_WINDOWS + 1)
         volume = line.values[np.searchsorted(line.times, edges, side="right") - 1]
         rates = np.diff(volume) / np.diff(edges) * _HOUR
         lines.append(Line(line.name, 0.5 * (edges[1:] + edges[:-1]), rates))

@@ -15,7 +15,7 @@ from earthmoving_sim.run_report.charts import Line, Panel, draw_panels
 from earthmoving_sim.run_report.machine_charts import draw_machine_charts
 from earthmoving_sim.run_report.machine_section import add_machine
 from earthmoving_sim.run_report.page import GENERATOR, Page
-from earthmoving_sim.run_report.production import add_production
+from earthmoving_sim.run_report.production import MIN_RATE_STEPS, RATE_WINDOWS, add_production
 from earthmoving_sim.run_report.reading import read_runs
 from earthmoving_sim.run_report.run_data import RunData
 from earthmoving_sim.run_report.run_sections import (
@@ -32,8 +32,6 @@ from msg_bridge.bag.reader import BagReader
 __all__ = ["Report", "signed_volume", "write_report"]
 
 _PAGE = "index.html"
-_MIN_RATE_STEPS = 30
-_RATE_WINDOWS = 60
 
 
 @dataclass(frozen=True)
@@ -249,8 +247,8 @@ def _add_ledger(page: Page, run: RunData, folder: Path) -> None:
 def _add_clock(page: Page, run: RunData, summary: RunSummary, folder: Path) -> None:
     page.section("Real time")
     panels = []
-    if len(run.clock) > _MIN_RATE_STEPS:
-        edges = np.linspace(run.clock.times[0], run.clock.times[-1], _RATE_WINDOWS + 1)
+    if len(run.clock) > MIN_RATE_STEPS:
+        edges = np.linspace(run.clock.times[0], run.clock.times[-1], RATE_WINDOWS + 1)
         simulated = np.interp(edges, run.clock.times, run.clock.values)
         factors = np.diff(simulated) / np.maximum(np.diff(edges), 1e-9)
         panels.append(
