@@ -70,8 +70,11 @@ class AccessPolicy:
         return f"pages of {printable(origin[:100])} may not connect; add it to allowed_origins"
 
     def is_token_valid(self, token: str) -> bool:
-        """Return whether a token is the right one, in a time that does not depend on it."""
-        return hmac.compare_digest(token.encode(), self.token.encode())
+        """Return whether a token is the right one, in a time that does not depend on it.
+
+        Without a token of the policy any one is valid: a tab keeps that of an earlier server.
+        """
+        return not self.token or hmac.compare_digest(token.encode(), self.token.encode())
 
     def headers(self, host: str) -> dict[str, str]:
         """Return the security headers of a response.

@@ -127,6 +127,11 @@ class Client:
             if not isinstance(message, Login):
                 raise RequestRejectedError("login_required", "the first message must be login")
             if not self._hub.access.is_token_valid(message.token):
+                if not message.token:
+                    raise RequestRejectedError(
+                        "token_required",
+                        "this server requires a token; open the address that it printed",
+                    )
                 raise RequestRejectedError(
                     "wrong_token", "the token is wrong; open the address that the server printed"
                 )

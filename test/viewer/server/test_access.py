@@ -69,6 +69,7 @@ def test_token_is_compared() -> None:
     assert policy.is_token_valid(token)
     assert not policy.is_token_valid("")
     assert not policy.is_token_valid(token + "ü")
+    assert AccessPolicy("127.0.0.1").is_token_valid(token)
     assert page_address("127.0.0.1", 8080, "a/b") == "http://localhost:8080/#token=a%2Fb"
 
 

@@ -157,10 +157,11 @@ def test_web_socket_of_another_origin_is_rejected(site: Site) -> None:
 
 def test_token_is_required(page: Path) -> None:
     site = Site(page, token="a-long-token")
-    with site.client(token="wrong-token") as client:
-        until(lambda: client.is_closed)
-    assert client.errors == ["wrong_token"]
-    assert not client.frames
+    for token, code in (("wrong-token", "wrong_token"), ("", "token_required")):
+        with site.client(token=token) as client:
+            until(lambda: client.is_closed)
+        assert client.errors == [code]
+        assert not client.frames
     with site.client(token="a-long-token") as client:
         until(lambda: client.frames)
     site.server.stop()

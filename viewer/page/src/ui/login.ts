@@ -6,7 +6,7 @@ import { make, makeButton, setShown, setText } from "./dom";
 import { sentence } from "./format";
 
 /** Error codes that another token may solve. */
-const TOKEN_CODES = new Set(["wrong_token", "login_required"]);
+const TOKEN_CODES = new Set(["token_required", "wrong_token", "login_required"]);
 
 export class Login {
   private readonly reason = make("p", { class: "login-reason", role: "alert", "data-testid": "login-reason" });
