@@ -4,7 +4,8 @@ One client drives a machine at a time. Its levers move by the keys that it holds
 when it has been silent for the dead-man time, gives the control away or disconnects.
 
 After an emergency stop its messages count again once one of them holds no lever: a key that is held
-through the stop does not start the machine. The machine has the same interlock, but for it the
+through the stop does not start the machine. Messages that arrive late move nothing:
+they are what the driver held some time ago. The machine has the same interlock, but for it the
 levers that are published as released for a stopped driver are released.
 """
 
@@ -16,6 +17,7 @@ from dataclasses import dataclass, field
 
 from teleop.key_layout import CONTROLS
 from teleop.levers import Levers
+from viewer.server.message_delay import MAX_DELAY, MessageDelay
 from viewer.server.page_messages import Drive, RequestRejectedError
 
 __all__ = ["DEAD_MAN_TIME", "LEVER_PERIOD", "Driving", "PublishLevers"]
@@ -64,6 +66,7 @@ class Driving:
         self._publish, self._now = publish, now
         self._sessions: dict[str, _Session] = {}  # by machine
         self._speeds: dict[int, float] = {}  # by client
+        self._delays: dict[int, MessageDelay] = {}  # by client
 
     @property
     def drivers(self) -> dict[str, int]:
@@ -100,6 +103,7 @@ class Driving:
         """Release the levers of a client that has gone."""
         self.release(client)
         self._speeds.pop(client, None)
+        self._delays.pop(client, None)
 
     def release_machine(self, machine: str) -> None:
         """Release the levers of a machine, for example one that is gone."""
@@ -116,15 +120,21 @@ class Driving:
             is_stopped: whether the emergency stop of the machine is pressed: nothing moves.
 
         Raises:
-            RequestRejectedError: the client does not drive that machine.
+            RequestRejectedError: the client does not drive that machine, or the message is late.
         """
         session = self._sessions.get(message.machine)
         if session is None or session.client != client:
             raise RequestRejectedError("not_driving", f"take control of {message.machine} first")
+        is_at_rest = not message.held and not any(message.deflections.values())
+        is_late = self._is_late(client, message, is_at_rest)
         if is_stopped:
             self.stop(message.machine)
-        elif not message.held and not any(message.deflections.values()):
+        elif is_at_rest and not is_late:
             session.must_return_to_rest = False
+        if is_late and not is_at_rest:
+            raise RequestRejectedError(
+                "late", f"levers that arrived more than {MAX_DELAY:g} s late were ignored"
+            )
         if session.must_return_to_rest:
             return
         session.held, session.deflections = message.held, message.deflections
@@ -158,6 +168,13 @@ class Driving:
                 self._return_levers(session)
             else:
                 self._update(session)
+
+    def _is_late(self, client: int, message: Drive, is_at_rest: bool) -> bool:
+        """Return whether a message arrives late; never if it has no time."""
+        if message.time is None:
+            return False
+        delay = self._delays.setdefault(client, MessageDelay())
+        return delay.is_late(message.time, self._now(), is_at_rest=is_at_rest)
 
     def _update(self, session: _Session) -> None:
         now = self._now()

@@ -42,6 +42,7 @@ MAX_MESSAGE_SIZE = 16_384
 
 _MAX_TEXT = 200
 _MAX_ID = 2**53
+_MAX_TIME = 1e12  # s
 _MAX_HELD_KEYS = len(KEYS)
 _MIN_RATE, _MAX_RATE = 0.05, 100.0
 
@@ -92,11 +93,15 @@ class ReleaseControl:
 
 @dataclass(frozen=True)
 class Drive:
-    """Keys that are held, and deflections of further controls, -1 to 1."""
+    """Keys that are held, and deflections of further controls, -1 to 1.
+
+    `time` is that of the message by the clock of the client [s]; None if it gives none.
+    """
 
     machine: str
     held: tuple[str, ...]
     deflections: dict[str, float]
+    time: float | None = None
 
 
 @dataclass(frozen=True)
@@ -199,6 +204,9 @@ class _Fields:
             raise _invalid(name, f"one of {', '.join(choices)}")
         return value
 
+    def optional_number(self, name: str, low: float, high: float) -> float | None:
+        return self.number(name, low, high) if name in self._values else None
+
     def number(self, name: str, low: float, high: float) -> float:
         value = self._take(name)
         if not _is_number(value) or not low <= value <= high:
@@ -260,7 +268,8 @@ def _drive(fields: _Fields) -> Drive:
     ):
         raise _invalid("deflections", f"numbers from -1 to 1 of {', '.join(CONTROLS)}")
     values = {name: float(value) for name, value in deflections.items()}
-    return Drive(machine, tuple(dict.fromkeys(held)), values)
+    time = fields.optional_number("time", -_MAX_TIME, _MAX_TIME)
+    return Drive(machine, tuple(dict.fromkeys(held)), values, time)
 
 
 def _playback(fields: _Fields) -> Playback:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 
 import pytest
 
@@ -104,3 +105,65 @@ def test_emergency_stop_releases_the_levers_and_keeps_the_driver(levers: Publish
     levers.wait(0.1)
     assert set(levers.published[-1][1].values()) == {0.0}
     assert levers.driving.drivers == {"/m": 1}
+
+
+class DelayedDriver:
+    """A driver whose clock has an offset, and whose messages may be delayed."""
+
+    def __init__(self, levers: PublishedLevers) -> None:
+        self._levers = levers
+
+    def send(self, *held: str, at: float) -> float:
+        """Deliver a message that was sent at a time of the test; return what the boom does."""
+        message = Drive("/m", held, {}, time=at - 7000.0)
+        with suppress(RequestRejectedError):
+            self._levers.driving.drive(1, message)
+        return self._levers.boom
+
+    def send_now(self, *held: str) -> float:
+        return self.send(*held, at=self._levers.now)
+
+
+@pytest.fixture
+def driver(levers: PublishedLevers) -> DelayedDriver:
+    made = DelayedDriver(levers)
+    assert made.send_now("i") > 0.0
+    return made
+
+
+def test_levers_that_a_stalled_connection_delivers_late_move_nothing(
+    levers: PublishedLevers, driver: DelayedDriver
+) -> None:
+    stall = levers.now
+    levers.wait(3.0)
+    assert {driver.send("i", at=stall + 0.05 * i) for i in range(54)} == {0.0}
+    assert driver.send_now() == 0.0
+    driver.send_now("i")
+    levers.wait(0.1)
+    assert levers.boom > 0.0
+
+
+def test_late_release_does_not_answer_an_emergency_stop(
+    levers: PublishedLevers, driver: DelayedDriver
+) -> None:
+    released = levers.now + 0.1
+    levers.wait(2.0)
+    levers.driving.stop("/m")
+    driver.send(at=released)
+    driver.send_now("i")
+    levers.wait(0.1)
+    assert levers.boom == 0.0
+
+
+def test_slower_connection_drives_again_after_a_rest(
+    levers: PublishedLevers, driver: DelayedDriver
+) -> None:
+    def drive(held: tuple[str, ...], seconds: float) -> float:
+        for _ in range(round(seconds / 0.1)):
+            levers.wait(0.1)
+            driver.send(*held, at=levers.now - 0.8)
+        return levers.boom
+
+    assert drive(("i",), 3.0) == 0.0
+    assert drive((), 1.2) == 0.0
+    assert drive(("i",), 0.2) > 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -27,7 +28,9 @@ def code_of(message: object) -> str:
 
 
 def test_messages_are_read() -> None:
-    assert parse_page_message(json.dumps(DRIVE)) == Drive("/m", ("w", "i"), {"left_x": -0.5})
+    drive = Drive("/m", ("w", "i"), {"left_x": -0.5})
+    assert parse_page_message(json.dumps(DRIVE)) == drive
+    assert parse_page_message(json.dumps({**DRIVE, "time": 2.5})) == replace(drive, time=2.5)
     login = {"type": "login", "token": "t", "protocol": 1, "source": {"bag": "b"}}
     assert parse_page_message(json.dumps(login)) == Login("t", 1, "b")
     take = {"type": "take_control", "machine": "/m"}

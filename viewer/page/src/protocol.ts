@@ -302,7 +302,7 @@ export type PageMessage =
   | { type: "ack"; seq: number }
   | { type: "take_control"; machine: string; force?: boolean }
   | { type: "release_control" }
-  | { type: "drive"; machine: string; held: string[]; deflections: Record<string, number> }
+  | { type: "drive"; machine: string; held: string[]; deflections: Record<string, number>; time: number }
   | { type: "speed"; value: number }
   | { type: "emergency_stop"; machine: string; pressed: boolean }
   | { type: "simulation"; action: "pause" | "continue" | "step" | "reset" }

@@ -9,14 +9,17 @@ describe("a driving session", () => {
   let sent;
   let session;
   let delayed;
+  let now;
 
   beforeEach(() => {
+    now = 0;
     sent = [];
     delayed = [];
     session = new DrivingSession(
       (message) => sent.push(message),
       () => {},
       (call) => delayed.push(call),
+      () => now,
     );
     session.setAvailable(true);
     session.selectMachine(MACHINE);
@@ -36,12 +39,13 @@ describe("a driving session", () => {
     assert.deepEqual(sent, []);
   });
 
-  it("sends a change at once, and the same levers at each tick", () => {
+  it("sends a change at once, and the same levers at each tick, with the time", () => {
     drive();
     session.setHeldKeys(["w"]);
+    now = 50;
     session.tick();
     const expected = { type: "drive", machine: MACHINE, held: ["w"], deflections: {} };
-    assert.deepEqual(sent, [expected, expected]);
+    assert.deepEqual(sent, [{ ...expected, time: 0 }, { ...expected, time: 0.05 }]);
   });
 
   it("begins with the keys that are held when control is granted", () => {

@@ -23,7 +23,7 @@ export type DrivingState = "unavailable" | "free" | "requested" | "driving" | "t
 export type DeflectionSource = "gamepad" | "touch";
 
 /**
- * State machine without DOM and clock: the caller passes messages of the server and inputs, and calls `tick` every
+ * State machine without DOM: the caller passes messages of the server, inputs and a clock, and calls `tick` every
  * `DRIVE_INTERVAL_MS`. Control is never taken again by itself: not after a lost connection, not after a take-over.
  */
 export class DrivingSession {
@@ -46,11 +46,13 @@ export class DrivingSession {
    * @param send sends a message to the server.
    * @param changed is called after each change of what this object shows.
    * @param after calls a function after a delay [ms].
+   * @param now returns a time that never jumps [ms].
    */
   constructor(
     private readonly send: (message: PageMessage) => void,
     private readonly changed: () => void,
     private readonly after: (call: () => void, delay: number) => void,
+    private readonly now: () => number,
   ) {}
 
   get state(): DrivingState {
@@ -266,6 +268,7 @@ export class DrivingSession {
   private sendLevers(): void {
     if (this.machine === null) return;
     this.sent = { held: [...this.held], deflections: this.merged() };
-    this.send({ type: "drive", machine: this.machine, ...this.sent, held: [...this.held] });
+    // The server ignores levers that a stalled connection delivers late.
+    this.send({ type: "drive", machine: this.machine, ...this.sent, held: [...this.held], time: this.now() / 1000 });
   }
 }

@@ -75,6 +75,7 @@ class Composition implements UserInterface, UiContext {
       (message) => void app.connection.send(message),
       () => this.drivingChanged(),
       (call, delay) => void setTimeout(call, delay),
+      () => performance.now(),
     );
     this.sound = new Sound(this);
     this.overlay = new Overlay(this);
