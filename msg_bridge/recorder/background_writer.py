@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from queue import SimpleQueue
@@ -12,6 +13,8 @@ from msg_bridge.bag.metadata import OfferedQos
 from msg_bridge.bag.writer import BagError, BagWriter
 
 __all__ = ["BackgroundWriter"]
+
+_LOGGER = logging.getLogger(__name__)
 
 
 class _Job(NamedTuple):
@@ -217,6 +220,9 @@ class BackgroundWriter:
             except BagError as error:
                 self._error = self._error or error
             except Exception as error:  # else the thread would end, and nothing be reported
-                text = f"{self.path} cannot be continued: {type(error).__name__}: {error}"
+                text = (
+                    f"{self.path} cannot be continued because of an error of the recorder ({error})"
+                )
                 self._error = self._error or BagError(text)
+                _LOGGER.error("the recorder has failed", exc_info=error)
             self._num_bytes_done += job.size
