@@ -12,6 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from msg_bridge.count_text import count_text
+
 if TYPE_CHECKING:
     from msg_bridge.audit.report import AuditReport, RunReport
 
@@ -44,7 +46,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _lines(report: "AuditReport") -> Iterator[str]:
     """Yield the lines of the printed report."""
-    yield f"{report.path}: {report.messages:,} messages"
+    yield f"{report.path}: {count_text(report.messages, 'message')}"
     for finding in report.findings:
         yield f"  ✗ {finding.text}"
     for run in report.runs:

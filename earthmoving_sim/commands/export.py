@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from msg_bridge.contract.errors import EarthmovingError
+from msg_bridge.count_text import count_text
 
 if TYPE_CHECKING:
     from earthmoving_sim.bag_export import BagExport
@@ -109,7 +110,8 @@ def _lines(export: BagExport, bag: Path) -> Iterator[str]:
         if each.reason:
             yield f"  {each.topic} is not exported: {each.reason}"
         elif each.num_rejected:
-            yield f"  {each.topic}: {each.num_rejected:,} messages left out, of another layout"
+            num_rejected = count_text(each.num_rejected, "message")
+            yield f"  {each.topic}: {num_rejected} left out, of another layout"
 
 
 def _report(export: BagExport, bag: Path) -> dict[str, Any]:

@@ -13,6 +13,8 @@ import sys
 from dataclasses import fields
 from pathlib import Path
 
+from msg_bridge.count_text import count_text
+
 __all__ = ["SUMMARY", "add_arguments", "run"]
 
 SUMMARY = "publish a recording on ROS topics"
@@ -73,7 +75,8 @@ def run(args: argparse.Namespace) -> int:
         def make_node() -> PlayerNode:
             node = PlayerNode(args.bag, params, keys)
             print(
-                f"{args.bag}: {node.num_messages:,} messages on {node.num_topics} topics,"
+                f"{args.bag}: {count_text(node.num_messages, 'message')} on"
+                f" {count_text(node.num_topics, 'topic')},"
                 f" {node.playback.duration:.1f} s",
                 flush=True,
             )

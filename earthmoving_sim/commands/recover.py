@@ -16,6 +16,8 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from msg_bridge.count_text import count_text
+
 if TYPE_CHECKING:
     from msg_bridge.bag_recovery import RecoveredBag
     from msg_bridge.bag_recovery.salvage import Damage
@@ -65,19 +67,24 @@ def run(args: argparse.Namespace) -> int:
 
 def _lines(recovered: RecoveredBag, bag: Path, *, is_needed: bool) -> list[str]:
     if not is_needed:
-        return [f"{bag}: {recovered.messages:,} messages, complete and undamaged"]
-    lines = [f"{bag}: {recovered.messages:,} messages recovered"]
+        return [f"{bag}: {count_text(recovered.messages, 'message')}, complete and undamaged"]
+    lines = [f"{bag}: {count_text(recovered.messages, 'message')} recovered"]
     for file in recovered.files:
         state = "has its end" if file.is_complete else "has no end"
-        lines.append(f"  {file.path.name}: {file.messages:,} messages, {state}")
+        lines.append(f"  {file.path.name}: {count_text(file.messages, 'message')}, {state}")
         if file.is_compressed:
             lines.append("    was compressed as a whole; bytes are those of its content")
         if file.num_cut_off:
             lines.append(f"    {file.num_cut_off:,} from a chunk that was cut off")
+        if file.num_compressed:
+            num_compressed = count_text(file.num_compressed, "message")
+            lines.append(f"    {num_compressed} compressed one by one; they are decompressed")
+        if file.num_undecompressed:
+            num_left_out = count_text(file.num_undecompressed, "message")
+            lines.append(f"    ✗ {num_left_out} left out: the compressed data are damaged")
         if file.num_without_channel:
-            lines.append(
-                f"    ✗ {file.num_without_channel:,} messages left out: their topic is lost"
-            )
+            num_left_out = count_text(file.num_without_channel, "message")
+            lines.append(f"    ✗ {num_left_out} left out: the topic is lost")
         lines += [f"    {'✗' if each.is_loss else '-'} {_describe(each)}" for each in file.damages]
     if not recovered.had_metadata:
         lines.append("  - metadata.yaml: is missing or damaged; it is made again")
@@ -121,6 +128,8 @@ def _report(recovered: RecoveredBag, bag: Path, *, is_needed: bool) -> dict[str,
                 "was_compressed": each.is_compressed,
                 "cut_off_messages": each.num_cut_off,
                 "messages_without_topic": each.num_without_channel,
+                "compressed_messages": each.num_compressed,
+                "damaged_compressed_messages": each.num_undecompressed,
                 "damages": [
                     {
                         "offset": part.offset,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import yaml
+import zstandard
 from mcap.records import Attachment, Channel, Message, Schema
 
 from msg_bridge.bag.atomic_file import AtomicFile
@@ -17,8 +18,10 @@ from msg_bridge.bag.mcap_file import McapFileWriter
 from msg_bridge.bag.mcap_index import BagReadError
 from msg_bridge.bag.metadata import BagMetadata, FileMetadata, TopicMetadata, from_qos_yaml
 from msg_bridge.bag.writer import CHUNK_SIZE, COMPRESSIONS, write_metadata
+from msg_bridge.bag_recovery.compressed_file import decompress_message, is_compressed_message
 from msg_bridge.bag_recovery.output_folder import OutputFolder
 from msg_bridge.bag_recovery.salvage import Damage, SalvagedFile
+from msg_bridge.count_text import count_text
 from msg_bridge.yaml_text import load_yaml
 
 __all__ = ["RecoveredBag", "RecoveredFile", "recover_bag"]
@@ -35,6 +38,8 @@ class RecoveredFile:
         messages: number of its messages, with those of a chunk in which the file ends.
         num_cut_off: number of messages from such a chunk.
         num_without_channel: number of messages left out because their channel is lost.
+        num_compressed: number of messages that were compressed one by one.
+        num_undecompressed: number of messages left out because they cannot be decompressed.
         is_complete: whether the file has its end.
         is_compressed: whether the file was compressed as a whole.
         damages: parts that could not be read.
@@ -44,14 +49,23 @@ class RecoveredFile:
     messages: int = 0
     num_cut_off: int = 0
     num_without_channel: int = 0
+    num_compressed: int = 0
+    num_undecompressed: int = 0
     is_complete: bool = False
     is_compressed: bool = False
     damages: list[Damage] = field(default_factory=list)
 
     @property
+    def is_intact(self) -> bool:
+        """Whether the file is complete and undamaged, and can be read as it is."""
+        is_compressed = self.is_compressed or self.num_compressed > 0
+        return self.is_complete and not (is_compressed or self.damages or self.has_losses)
+
+    @property
     def has_losses(self) -> bool:
         """Whether anything is lost but an end that was not written."""
-        return self.num_without_channel > 0 or any(each.is_loss for each in self.damages)
+        num_left_out = self.num_without_channel + self.num_undecompressed
+        return num_left_out > 0 or any(each.is_loss for each in self.damages)
 
 
 @dataclass
@@ -80,17 +94,8 @@ class RecoveredBag:
     @property
     def is_intact(self) -> bool:
         """Whether the bag was complete and undamaged, and can be read as it is."""
-        return (
-            self.had_metadata
-            and not self.missing
-            and not any(
-                each.damages
-                or each.num_without_channel
-                or not each.is_complete
-                or each.is_compressed
-                for each in self.files
-            )
-        )
+        are_files_intact = all(each.is_intact for each in self.files)
+        return self.had_metadata and not self.missing and are_files_intact
 
     @property
     def has_losses(self) -> bool:
@@ -150,8 +155,10 @@ def _describe(files: Sequence[RecoveredFile]) -> str:
     texts = []
     for file in files:
         parts = [part.text for part in file.damages]
+        if file.num_undecompressed:
+            parts.append(f"{count_text(file.num_undecompressed, 'message')} cannot be decompressed")
         if file.num_without_channel:
-            parts.append(f"the topic of {file.num_without_channel:,} messages is lost")
+            parts.append(f"the topic of {count_text(file.num_without_channel, 'message')} is lost")
         size = file.path.stat().st_size
         texts.append(f"{file.path.name} ({size:,} bytes): {'; '.join(parts) or 'no messages'}")
     return "; ".join(texts)
@@ -210,6 +217,8 @@ def _recover_files(
                 writer.messages,
                 salvaged.num_cut_off,
                 writer.num_without_channel,
+                writer.num_compressed,
+                writer.num_undecompressed,
                 salvaged.is_complete,
                 salvaged.is_compressed,
                 salvaged.damages,
@@ -232,6 +241,8 @@ class _FileWriter:
     Attributes:
         messages: number of its messages.
         num_without_channel: number of messages left out because their channel is unknown.
+        num_compressed: number of messages that were compressed one by one.
+        num_undecompressed: number of messages left out because they cannot be decompressed.
     """
 
     def __init__(self, path: Path, compression: str, topics: dict[str, TopicMetadata]) -> None:
@@ -242,6 +253,7 @@ class _FileWriter:
             topics: topics of the bag with their numbers of messages, which are updated.
         """
         self.messages = self.num_without_channel = 0
+        self.num_compressed = self.num_undecompressed = 0
         self._first: int | None = None
         self._last: int | None = None
         self._path, self._topics = path, topics
@@ -297,6 +309,13 @@ class _FileWriter:
 
     def _write(self, message: Message) -> None:
         channel = self._channels[message.channel_id]
+        if channel.message_encoding == "cdr" and is_compressed_message(message.data):
+            try:
+                message = replace(message, data=decompress_message(message.data))
+            except zstandard.ZstdError:
+                self.num_undecompressed += 1
+                return
+            self.num_compressed += 1
         if channel.id not in self._new_channels:
             self._add_channel(channel)
         self._mcap.add_message(replace(message, channel_id=self._new_channels[channel.id]))

@@ -24,6 +24,7 @@ from msg_bridge.codec.stamps import stamp_from_nanoseconds
 from msg_bridge.contract import topics
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.contract.interface import is_exclusive
+from msg_bridge.count_text import count_text
 from msg_bridge.player.keys import Key, KeyReader
 from msg_bridge.player.map_updates import find_map_updates
 from msg_bridge.player.params import MAX_RATE, MIN_RATE, PlayerParams
@@ -315,7 +316,7 @@ class PlayerNode(Node):
         late = f", {behind:.1f} s behind the rate" if behind >= 0.1 else ""
         return (
             f"  {playback.position:.1f} of {playback.duration:.1f} s, {state},"
-            f" {self._num_published:,} messages{late}"
+            f" {count_text(self._num_published, 'message')}{late}"
         )
 
     def _publish_status(self) -> None:

@@ -16,6 +16,7 @@ from msg_bridge.bag.terrain_deltas import (
     is_map_topic,
     map_topic_of_deltas,
 )
+from msg_bridge.count_text import count_text
 from msg_bridge.raw_topics.received_message import ReceivedMessage, TransientLocalHistory
 from msg_bridge.recorder.background_writer import BackgroundWriter
 from msg_bridge.recorder.input_files import InputFileRecording
@@ -286,18 +287,17 @@ class BagRecording:
             rate = (self.num_bytes - last_bytes) / elapsed
             self._rate_state = (self._now(), self.num_bytes, rate)
         return (
-            f"{self.messages} messages, {self._writer.size / _MEGA:.1f} MB on disk,"
+            f"{count_text(self.messages, 'message')}, {self._writer.size / _MEGA:.1f} MB on disk,"
             f" {rate / _MEGA:.2f} MB/s received, {self.loss_text()}"
         )
 
     def summary(self) -> str:
         """Return a line on the whole recording."""
         size = self._writer.size / _MEGA
-        topics = len(self.topics)
-        return (
-            f"{self.path}: {self.messages} messages on {topics} topics, {size:.1f} MB on disk,"
-            f" {self.loss_text()}"
+        content = (
+            f"{count_text(self.messages, 'message')} on {count_text(len(self.topics), 'topic')}"
         )
+        return f"{self.path}: {content}, {size:.1f} MB on disk, {self.loss_text()}"
 
     def missing_files_text(self) -> str:
         """Return which input files the bag lacks as text; empty if it has all."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from std_msgs.msg import String
 
 from earthmoving_sim.cli import main
 from msg_bridge.bag.mcap_index import BagReadError, FileSegment, index_file
+from msg_bridge.bag.mcap_records import RECORD_HEADER
 from msg_bridge.bag.metadata import OfferedQos
 from msg_bridge.bag.reader import BagReader
 from msg_bridge.bag.writer import COMPRESSIONS, BagWriter
@@ -32,14 +34,20 @@ def text(number: int) -> bytes:
     return bytes(serialize_message(String(data=f"{number} {noise}")))
 
 
-def write_bag(folder: Path, compression: str = "zstd", *, num_files: int = 1) -> Path:
+def write_bag(
+    folder: Path,
+    compression: str = "zstd",
+    *,
+    num_files: int = 1,
+    encode: Callable[[bytes], bytes] = bytes,
+) -> Path:
     """Write messages whose log times are their numbers [s]; return the first file."""
     writer = BagWriter(folder, compression=compression, chunk_size=CHUNK_SIZE)
     file = writer.file
     writer.attach("a/soils.yaml", "application/yaml", ATTACHMENT, 7)
     writer.add_topic(TOPIC, "std_msgs/msg/String", [OfferedQos(durability="transient_local")])
     for number in range(NUMBER):
-        writer.write(TOPIC, text(number), number * 10**9, number * 10**9 + 5, number)
+        writer.write(TOPIC, encode(text(number)), number * 10**9, number * 10**9 + 5, number)
         if (number + 1) % (NUMBER // num_files) == 0 and number + 1 < NUMBER:
             writer.split()
     writer.close({"format_version": "2"})
@@ -270,6 +278,32 @@ def test_file_that_was_compressed_as_a_whole_is_decompressed_as_far_as_it_goes(
     assert len(list((tmp_path / "dig-recovered").iterdir())) == 2, "no temporary file is left"
 
 
+def test_messages_that_were_compressed_one_by_one_are_decompressed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_bag(tmp_path / "dig", encode=zstandard.compress)
+    assert main(["recover", str(tmp_path / "dig")]) == 0
+    assert f"{NUMBER} messages compressed one by one" in capsys.readouterr().out
+    assert numbers_in(tmp_path / "dig-recovered") == list(range(NUMBER))
+
+
+def test_compressed_message_that_is_damaged_is_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut_off, damaged = text(7), text(8)
+
+    def encode(data: bytes) -> bytes:
+        content = zstandard.compress(data)
+        if data == damaged:
+            return content[:20] + bytes(100) + content[120:]
+        return content[:-20] if data == cut_off else content
+
+    write_bag(tmp_path / "dig", encode=encode)
+    assert main(["recover", str(tmp_path / "dig")]) == 1
+    assert "2 messages left out: the compressed data are damaged" in capsys.readouterr().out
+    assert numbers_in(tmp_path / "dig-recovered") == [*range(7), *range(9, NUMBER)]
+
+
 def test_file_beside_its_unfinished_compressed_one_is_read_once(tmp_path: Path) -> None:
     """The recorder was killed while it compressed."""
     file = write_bag(tmp_path / "dig")
@@ -322,6 +356,44 @@ def test_output_that_is_no_folder_is_rejected(
         assert main([command, str(file), "-o", str(tmp_path / output)]) == 2
         assert text in capsys.readouterr().err
     assert (tmp_path / "file").read_text() == "text"
+
+
+def damage_in_chunk(content: bytearray, segment: FileSegment) -> None:
+    content[segment.offset + 1000] ^= 0x55
+
+
+def bytes_between_chunks(content: bytearray, segment: FileSegment) -> None:
+    content[segment.offset - RECORD_HEADER.size : segment.offset - RECORD_HEADER.size] = b"x" * 70
+
+
+def cut_in_chunk(content: bytearray, segment: FileSegment) -> None:
+    del content[segment.offset + segment.length // 2 :]
+
+
+@pytest.mark.parametrize(
+    ("damage", "lines"),
+    [
+        (
+            damage_in_chunk,
+            ["bytes: damaged chunk: its checksum is ", "; its content is lost; messages from "],
+        ),
+        (bytes_between_chunks, [", 70 bytes: no records; skipped"]),
+        (cut_in_chunk, [" from a chunk that was cut off", "messages, has no end"]),
+    ],
+)
+def test_command_describes_each_damage(
+    tmp_path: Path,
+    damage: Callable[[bytearray, FileSegment], None],
+    lines: list[str],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    file = write_bag(tmp_path / "dig", "none")
+    content = bytearray(file.read_bytes())
+    damage(content, segments_of(file)[5])
+    file.write_bytes(content)
+    main(["recover", str(tmp_path / "dig")])
+    output = capsys.readouterr().out
+    assert [line for line in lines if line not in output] == [], output
 
 
 def test_command_reports_what_was_lost(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -37,7 +37,7 @@ def test_terminated_process_leaves_a_complete_bag(ros, ros_process, tmp_path):
     process.stop(signal.SIGTERM, expect=0)
     assert read_bag(tmp_path / "dig") == {"/t/texts": texts(1, 500)}
     last = process.output.splitlines()[-1]
-    assert last.startswith(f"{tmp_path}/dig: 500 messages on 1 topics")
+    assert last.startswith(f"{tmp_path}/dig: 500 messages on 1 topic,")
     assert last.endswith("nothing lost")
 
 
