@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
+from itertools import dropwhile, pairwise
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,9 @@ _PHASE_GROUPS = {
     "tip": "dump",
 }
 """Part of a cycle to which a phase of the operator belongs; others are the return."""
+
+_FIRST_PHASES = ("approach", "brace", "reach", "start", "sump")
+"""Phases with which a cycle begins."""
 
 
 @dataclass(frozen=True)
@@ -229,14 +233,20 @@ def _all_cycles(cycles: list[tuple[float, float]]) -> CycleSummary | None:
 def _phase_times(data: MachineData) -> dict[str, float]:
     """Return the mean time of each part of a reported cycle by the operator's phases [s].
 
-    Phases of a cycle that was not completed do not count.
+    Phases of a cycle that was not completed, or that began before the bag, do not count.
     """
     reported = [each.get("number") for each in data.reports]
-    numbers = [number for number in {each.cycle for each in data.phases} if number in reported]
+    phases = data.phases
+    if phases and phases[0].phase not in _FIRST_PHASES:
+        cycle = phases[0].cycle
+        phases = list(dropwhile(lambda each: each.cycle == cycle, phases))
+        if cycle in reported:
+            reported.remove(cycle)
+    numbers = [number for number in {each.cycle for each in phases} if number in reported]
     if not numbers:
         return {}
     sums = dict.fromkeys(("return", "dig", "lift", "swing", "dump"), 0.0)
-    for phase, following in zip(data.phases, data.phases[1:], strict=False):
+    for phase, following in pairwise(phases):
         if phase.cycle in numbers:
             sums[_PHASE_GROUPS.get(phase.phase, "return")] += following.time - phase.time
     # An operator that is restarted counts from 1 again.

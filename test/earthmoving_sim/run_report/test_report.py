@@ -143,18 +143,24 @@ def test_total_of_the_cycles_is_that_of_the_operator(tmp_path: Path) -> None:
     assert "270 m³/h" in page
 
 
-@pytest.mark.parametrize("num_operators", [1, 2])
+@pytest.mark.parametrize(
+    ("num_operators", "num_missing"),
+    [
+        pytest.param(1, 0, id="whole run"),
+        pytest.param(2, 0, id="operator is restarted and counts from 1 again"),
+        pytest.param(2, 3, id="bag begins within the first cycle"),
+    ],
+)
 def test_times_of_the_phases_are_those_of_completed_cycles(
-    tmp_path: Path, num_operators: int
+    tmp_path: Path, num_operators: int, num_missing: int
 ) -> None:
-    """An operator that is restarted counts its cycles from 1 again."""
     recording = Recording()
     recording.add("/m/payload", to_payload_array(PayloadState(0.0, 0.0, 0.0, 0.0, 0.0)))
     phases = [(0.0, 1, "reach"), (3.0, 1, "dig"), (8.0, 1, "lift"), (10.0, 1, "swing")]
     phases += [(14.0, 1, "dump"), (16.0, 2, "reach"), (20.0, 2, "dig"), (31.0, 2, "settle")]
     phases += [(34.0, 2, "done")]
     for operator in range(num_operators):
-        for time, cycle, phase in phases:
+        for time, cycle, phase in phases[0 if operator else num_missing :]:
             text = json.dumps({"time": 40.0 * operator + time, "cycle": cycle, "phase": phase})
             recording.add("/m/operator/phase", String(data=text))
         recording.add("/m/operator/cycles", String(data=json.dumps({"number": 1})))
