@@ -20,7 +20,7 @@ STAMP := $(VENV)/.ready-$(MODE)-$(firstword $(shell pwd | cksum))
 
 # The live page: built on installation, and again when its source changes.
 PAGE := viewer/page/dist/LICENSES.txt
-PAGE_SOURCES := $(wildcard viewer/page/*.* viewer/page/src/*.ts viewer/page/src/*/*.ts)
+PAGE_SOURCES := $(wildcard viewer/page/*.* viewer/page/styles/*.css viewer/page/src/*.ts viewer/page/src/*/*.ts)
 
 # Pythons to try, best first. 3.11 has a pybullet wheel, 3.12 and later compile it. A name can be there and not
 # work (a version manager's shim of an inactive version), so each is run before it is chosen.

@@ -69,8 +69,9 @@ class BuildPage(Command):
         """Return what the page is made from."""
         page = Path("viewer/page")
         fixed = ("package.json", "package-lock.json", "build.mjs", "tsconfig.json", "index.html")
-        sources = [*(page / name for name in fixed), page / "style.css", page / "build_page.py"]
-        return [str(path) for path in (*sources, *page.glob("src/**/*.ts"))]
+        sources = [*(page / name for name in fixed), page / "build_page.py"]
+        sources += [*page.glob("styles/*.css"), *page.glob("src/**/*.ts")]
+        return [str(path) for path in sources]
 
 
 setup(

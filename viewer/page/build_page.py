@@ -22,7 +22,7 @@ DIST = PAGE / "dist"
 _MARK = DIST / "LICENSES.txt"
 """The file that a build writes last."""
 
-_SOURCES = ("package.json", "package-lock.json", "build.mjs", "index.html", "style.css")
+_SOURCES = ("package.json", "package-lock.json", "build.mjs", "index.html")
 
 
 class PageBuildError(Exception):
@@ -63,7 +63,8 @@ def _run_npm(*arguments: str) -> None:
 
 
 def _is_up_to_date() -> bool:
-    sources = [*(PAGE / name for name in _SOURCES), *(PAGE / "src").rglob("*.ts")]
+    sources = [PAGE / name for name in _SOURCES]
+    sources += [*(PAGE / "src").rglob("*.ts"), *(PAGE / "styles").glob("*.css")]
     newest = max(path.stat().st_mtime for path in sources)
     return _MARK.exists() and _MARK.stat().st_mtime >= newest
 
