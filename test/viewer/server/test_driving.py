@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import suppress
 
 import pytest
 
@@ -108,16 +107,23 @@ def test_emergency_stop_releases_the_levers_and_keeps_the_driver(levers: Publish
 
 
 class DelayedDriver:
-    """A driver whose clock has an offset, and whose messages may be delayed."""
+    """A driver whose clock has an offset, and whose messages may be delayed.
+
+    Attributes:
+        codes: codes of the rejected messages.
+    """
 
     def __init__(self, levers: PublishedLevers) -> None:
         self._levers = levers
+        self.codes: list[str] = []
 
     def send(self, *held: str, at: float) -> float:
         """Deliver a message that was sent at a time of the test; return what the boom does."""
         message = Drive("/m", held, {}, time=at - 7000.0)
-        with suppress(RequestRejectedError):
+        try:
             self._levers.driving.drive(1, message)
+        except RequestRejectedError as error:
+            self.codes.append(error.code)
         return self._levers.boom
 
     def send_now(self, *held: str) -> float:
@@ -137,10 +143,18 @@ def test_levers_that_a_stalled_connection_delivers_late_move_nothing(
     stall = levers.now
     levers.wait(3.0)
     assert {driver.send("i", at=stall + 0.05 * i) for i in range(54)} == {0.0}
+    assert driver.codes == ["late"] * 54
     assert driver.send_now() == 0.0
     driver.send_now("i")
     levers.wait(0.1)
     assert levers.boom > 0.0
+
+
+def test_short_delay_is_no_error(levers: PublishedLevers, driver: DelayedDriver) -> None:
+    stall = levers.now
+    levers.wait(0.6)
+    assert driver.send("i", at=stall + 0.1) == 0.0
+    assert driver.codes == []
 
 
 def test_late_release_does_not_answer_an_emergency_stop(
