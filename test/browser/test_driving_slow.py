@@ -10,6 +10,8 @@ from support.live_page import LOADED, LivePage
 from support.live_site import LiveSite
 from support.throttled_relay import ThrottledRelay
 
+from msg_bridge.testing.ros_process import RosProcess
+
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 
 ShowPage = Callable[..., LivePage]
@@ -59,6 +61,35 @@ def test_page_that_ends_while_it_drives_stops_the_machine(
     page.wait_until(lambda: site.swing_velocity > MOVING, site.spin)
     end(page)
     site.ros.spin_until(lambda: abs(site.swing_velocity) < AT_REST)
+
+
+@pytest.mark.parametrize(
+    ("end", "message"),
+    [
+        (RosProcess.kill, "Excavator does not answer"),
+        (RosProcess.interrupt, "Excavator has gone"),
+    ],
+)
+def test_end_of_the_machine_node_is_shown(
+    site: LiveSite, show_page: ShowPage, end: Callable[[RosProcess], None], message: str
+) -> None:
+    page = show_page(site)
+    page.take_control()
+    with page.held("a"):
+        page.wait_until(lambda: site.swing_velocity > MOVING, site.spin)
+        end(site.machine)
+        page.page.get_by_text(message).wait_for(timeout=1e3 * LOADED)
+
+
+def test_key_of_a_machine_that_another_viewer_drives_has_a_message(
+    site: LiveSite, show_page: ShowPage
+) -> None:
+    first, second = show_page(site), show_page(site)
+    first.take_control()
+    second.wait_until(lambda: second.has_driver, site.spin)
+    with second.held("a"):
+        second.page.get_by_test_id("toast-info").wait_for(timeout=1e3 * LOADED)
+    assert not second.is_driving
 
 
 def test_stalled_connection_is_shown_and_its_driver_releases_the_levers(

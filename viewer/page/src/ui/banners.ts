@@ -1,10 +1,15 @@
-/** Conditions that must not be overlooked: lost connection, emergency stop. */
+/** Conditions that must not be overlooked: lost connection, a machine that does not answer, emergency stop. */
 
-import type { Part, UiContext } from "./context";
+import { machineName, type Part, type UiContext } from "./context";
 import { make, makeButton, setShown, setText } from "./dom";
+import { formatName } from "./format";
+
+/** Age of the state of a machine above which its node counts as silent [s of simulated time]. */
+const MAX_STATE_AGE = 1;
 
 export class Banners implements Part {
   private readonly connection = make("div", { class: "banner banner-warning", role: "alert", "data-testid": "banner-connection" });
+  private readonly silent = make("div", { class: "banner banner-warning", role: "alert", "data-testid": "banner-silent", hidden: true });
   private readonly stop: HTMLElement;
   private wasDriving = false;
   readonly element: HTMLElement;
@@ -24,7 +29,7 @@ export class Banners implements Part {
       ),
     );
     this.connection.hidden = true;
-    this.element = make("div", { class: "banners" }, this.connection, this.stop);
+    this.element = make("div", { class: "banners" }, this.connection, this.silent, this.stop);
   }
 
   /** Receive that the connection was lost while this page drove a machine. */
@@ -49,8 +54,20 @@ export class Banners implements Part {
       setText(this.connection, "Connecting…");
     }
     const isLive = app.world.hello?.source === "live";
+    this.updateSilent(isLive && status === "online" && !isStalled);
     setShown(this.stop, isLive && session.selectedMachine !== null && this.context.machine()?.gauges.stopped === true);
     const button = this.stop.querySelector("button");
     if (button !== null) setShown(button, app.world.hello?.may_drive === true);
+  }
+
+  /** Show that the selected machine has no state of the present time: a killed node is known as gone only later. */
+  private updateSilent(isCurrent: boolean): void {
+    const machine = this.context.machine();
+    const time = this.context.app.world.frame?.time;
+    const age = machine === null || machine.frames === 0 || time == null ? 0 : time - machine.time;
+    const isSilent = isCurrent && machine !== null && age > MAX_STATE_AGE;
+    setShown(this.silent, isSilent);
+    // No number that changes: a screen reader would read each one.
+    if (isSilent) setText(this.silent, `${formatName(machineName(machine))} does not answer: what is shown of it is old.`);
   }
 }

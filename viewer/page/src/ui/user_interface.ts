@@ -172,7 +172,10 @@ class Composition implements UserInterface, UiContext {
     const { connection, world } = this.app;
     connection.on("hello", () => this.helloReceived());
     connection.on("machine", () => this.machinesChanged());
-    connection.on("machine_gone", () => this.machinesChanged());
+    connection.on("machine_gone", ({ id }) => {
+      if (id === this.session.selectedMachine && this.session.isDriving) this.sayDrivenMachineGone();
+      this.machinesChanged();
+    });
     connection.on("control", (message) => this.controlReceived(message));
     connection.on("error", ({ code, message }) => this.errorReceived(code, message));
     connection.on("bags", (message) => this.toolbar.receiveBags(message));
@@ -243,6 +246,12 @@ class Composition implements UserInterface, UiContext {
     this.lostControlAt = performance.now();
     const { driver } = this.session;
     if (driver !== null) this.toasts.show(`Viewer ${driver} took over the machine; your levers were released.`, "error");
+    else this.sayDrivenMachineGone(); // the server releases the levers of a machine only then
+  }
+
+  private sayDrivenMachineGone(): void {
+    const name = formatName(this.session.selectedMachine ?? "");
+    this.toasts.show(`${name} has gone: its node has ended or does not answer. Your levers were released.`, "error");
   }
 
   private errorReceived(code: string, message: string): void {
@@ -364,10 +373,10 @@ class Composition implements UserInterface, UiContext {
   }
 
   private update(): void {
+    this.sound.update(); // a hidden page is heard
     if (document.hidden) return;
     for (const part of this.parts) part.update();
     setAttribute(this.app.root, "data-quality", this.app.view.quality());
     this.login.update();
-    this.sound.update();
   }
 }
