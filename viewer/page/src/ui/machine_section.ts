@@ -7,6 +7,7 @@ import { BarRow, ValueRow } from "./bars";
 import { machineName, showsBag, type Part, type UiContext } from "./context";
 import { make, setAttribute, setShown, setText } from "./dom";
 import { degrees, formatInteger, formatName, formatNumber, formatValue, UNKNOWN, wrapAngle } from "./format";
+import { OtherPayloads, showPayload } from "./other_payloads";
 
 /** Full scale of the pressures if the machine does not state its relief pressures [Pa]. */
 const PRESSURE_SCALE = 35e6;
@@ -33,6 +34,7 @@ export class MachineSection implements Part {
   private readonly tilt = new ValueRow("Pitch, roll", "machine-tilt", "Nose down and right side down are positive");
   private readonly load = new BarRow("Engine", "machine-load", ["plain"]);
   private readonly payload = new BarRow("Payload", "payload-fill", ["payload"]);
+  private readonly others: OtherPayloads;
   private readonly payloadMass = new ValueRow("", "payload-mass");
   private readonly tracks: readonly [BarRow, BarRow] = [
     new BarRow("Left track", "track-left", ["centered"]),
@@ -42,9 +44,9 @@ export class MachineSection implements Part {
   private readonly cylinderList = make("div", { class: "rows", "data-testid": "cylinders" });
   private readonly joints = new Map<string, BarRow>();
   private readonly cylinders = new Map<string, BarRow>();
-  private readonly cylinderTitle = make("h3", {}, "Cylinders", make("small", {}, "cap / rod side"));
+  private readonly cylinderTitle = make("h3", {}, "Cylinders ", make("small", {}, "cap / rod side"));
   private shown: MachineMessage | null = null;
-  private readonly none = make("p", { class: "hint" }, "No machine yet.");
+  private readonly none = make("p", { class: "hint" }, "No machine.");
   private readonly content = make("div", { class: "rows" });
   readonly element = make(
     "details",
@@ -55,12 +57,14 @@ export class MachineSection implements Part {
   );
 
   constructor(private readonly context: UiContext) {
+    this.others = new OtherPayloads(context);
     this.content.append(
       this.driver.element,
       this.stop.element,
       this.phase.element,
       make("div", { class: "rows" }, this.payload.element, this.payloadMass.element),
       this.load.element,
+      this.others.element,
       make("h3", {}, "Joints"),
       this.jointList,
       make("h3", {}, "Tracks"),
@@ -82,6 +86,7 @@ export class MachineSection implements Part {
     if (machine.message !== this.shown) this.show(machine.message);
     this.updateState(machine);
     this.updatePayload(machine);
+    this.others.update();
     for (const [name, row] of this.joints) updateJoint(row, machine, name);
     this.updateTracks(machine);
     for (const [name, row] of this.cylinders) updateCylinder(row, machine, name);
@@ -131,8 +136,7 @@ export class MachineSection implements Part {
     setShown(this.payload.element, payload !== undefined);
     setShown(this.payloadMass.element, payload !== undefined);
     if (payload === undefined) return;
-    this.payload.setFill(0, payload.fill, payload.fill > 1.05);
-    this.payload.setValue(formatValue(100 * payload.fill, 0, "%"));
+    showPayload(this.payload, payload.fill);
     this.payloadMass.setValue(`${formatInteger(payload.mass)} kg · ${formatValue(payload.bank_m3, 2, "m³ bank")}`);
   }
 
