@@ -95,7 +95,9 @@ def test_menu_leaves_the_emergency_stop_free_and_closes_by_escape(
     panel.wait_for(state="hidden", timeout=1e3 * LOADED)
 
 
-def test_timeline_fits_narrow_windows(ros_process: StartProcess, open_page: OpenPage) -> None:
+def test_timeline_and_tools_fit_narrow_windows(
+    ros_process: StartProcess, open_page: OpenPage
+) -> None:
     server = ros_process(
         [sys.executable, "-m", "earthmoving_sim", "view", str(BAG), "--port", "0", "--no-browser"]
     )
@@ -106,3 +108,7 @@ def test_timeline_fits_narrow_windows(ros_process: StartProcess, open_page: Open
     assert {
         size: bad for size in sizes if (bad := unreachable(page, TIMELINE_CONTROLS, size))
     } == {}
+    for width in range(320, 900, 60):  # the tools are one row
+        page.page.set_viewport_size({"width": width, "height": 500})
+        _, top, _, bottom = boxes(page, ("toolbar",))["toolbar"]
+        assert bottom - top < 60, width

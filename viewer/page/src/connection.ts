@@ -50,6 +50,8 @@ export class Connection {
   private timer: ReturnType<typeof setTimeout> | undefined;
   private readonly handlers = new Map<MessageType, Set<(message: ServerMessage) => void>>();
   private readonly statusHandlers = new Set<(status: ConnectionStatus) => void>();
+  private loginSent: () => void = () => {};
+  private readonly firstLogin = new Promise<void>((resolve) => (this.loginSent = resolve));
 
   constructor(private readonly options: ConnectionOptions) {}
 
@@ -83,6 +85,7 @@ export class Connection {
     socket.onopen = () => {
       const { token, source } = this.options;
       socket.send(JSON.stringify({ type: "login", token, protocol: PROTOCOL, source } satisfies PageMessage));
+      this.loginSent();
     };
     socket.onmessage = (event: MessageEvent<unknown>) => {
       if (socket === this.socket && event.data instanceof ArrayBuffer) this.receive(event.data);
@@ -90,6 +93,14 @@ export class Connection {
     socket.onclose = () => {
       if (socket === this.socket) this.lost();
     };
+  }
+
+  /**
+   * Resolve when the first login was sent, after a time [ms] at the latest. The server waits 10 s for it, and a page that makes
+   * a scene sends nothing meanwhile.
+   */
+  sendsLogin(timeout: number): Promise<void> {
+    return Promise.race([this.firstLogin, new Promise<void>((resolve) => setTimeout(resolve, timeout))]);
   }
 
   /** Open the connection with another login. */

@@ -14,6 +14,9 @@ import { WorldState } from "./world_state";
 
 Object3D.DEFAULT_UP = new Vector3(0, 0, 1);
 
+/** Longest time that the scene waits for the login to be sent [ms]. */
+const LOGIN_MS = 3000;
+
 const parameters = new URLSearchParams(location.search);
 const bag = parameters.get("bag");
 const isRenderer = parameters.has("renderer"); // pictures are drawn well, however long it takes
@@ -25,7 +28,8 @@ const connection = new Connection({
   source,
 });
 const world = new WorldState(connection);
-connection.open(); // the server answers while the scene is made; messages are received only after it
+connection.open();
+await connection.sendsLogin(LOGIN_MS); // the server answers while the scene is made; messages are received only after it
 const canvas = document.getElementById("scene") as HTMLCanvasElement;
 const stage = new Stage(canvas, world, {
   quality: oneOf<QualityName>(parameters.get("quality"), ["low", "medium", "high"]),

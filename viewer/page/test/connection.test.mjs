@@ -56,4 +56,12 @@ describe("a connection on which nothing arrives", () => {
     assert.notEqual(socket, first);
     clearTimeout(connection.timer);
   });
+
+  it("has sent its login once it is open", async () => {
+    const start = performance.now();
+    const sent = connection.sendsLogin(400);
+    socket.onopen();
+    await sent;
+    assert.ok(performance.now() - start < 300);
+  });
 });

@@ -54,7 +54,7 @@ export class Help {
       {},
       make("h3", {}, "How to dig"),
       this.steps,
-      make("h3", {}, "Levers", this.pattern),
+      make("h3", {}, "Levers ", this.pattern),
       make("div", { class: "drive-levers help-levers" }, leverPair(this.diagrams.slice(0, 2)), leverPair(this.diagrams.slice(2))),
       this.actionKeys,
       make("h3", {}, "Gamepad and touch"),

@@ -36,7 +36,7 @@ export class Legend implements Part {
     this.shown = state;
     const unit = legend.kind === "gradient" && legend.unit ? make("small", {}, legend.unit) : null;
     const body = legend.kind === "gradient" ? gradient(legend.stops) : swatches(legend.items);
-    this.element.replaceChildren(make("h2", {}, legend.title, unit), body);
+    this.element.replaceChildren(make("h2", {}, legend.title, " ", unit), body);
   }
 }
 

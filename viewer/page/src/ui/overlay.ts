@@ -146,7 +146,7 @@ class LedgerSection {
   readonly element = make(
     "details",
     { class: "section", open: true, "data-testid": "section-ledger" },
-    make("summary", {}, make("h2", {}, "Ledger", make("small", {}, "bank volume, m³"))),
+    make("summary", {}, make("h2", {}, "Ledger ", make("small", {}, "bank volume, m³"))),
     this.imbalanceRow,
     make("div", { class: "rows two-columns ledger-accounts" }, ...[...this.accounts.values()].map((row) => row.element)),
   );
