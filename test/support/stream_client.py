@@ -62,7 +62,11 @@ class StreamClient:
     def close(self) -> None:
         """Close the connection and end the thread."""
         if self._thread.is_alive() and self._socket is not None:
-            asyncio.run_coroutine_threadsafe(self._socket.close(), self._loop)
+            closing = self._socket.close()
+            try:
+                asyncio.run_coroutine_threadsafe(closing, self._loop)
+            except RuntimeError:  # the server has closed it, and the thread has just ended
+                closing.close()
         self._thread.join(10.0)
 
     def send(self, **message: Any) -> None:
