@@ -253,6 +253,7 @@ def _machine_values(instance: MachineInstance, simulated: SimulatedMachine) -> d
     values = {
         "payload_fill": f"{simulated.payload.fill:.3f}",
         "emergency_stop": instance.arbiter.is_stopped,
+        "ignored_axes": ", ".join(instance.arbiter.ignored_joystick_axes),
         "tracks_off_wheels": sum(simulated.machine.tracks.num_reseats),
         "tilt_rad": f"{simulated.machine.tilt:.3f}",
         "overturned": simulated.machine.overturned,

@@ -37,6 +37,7 @@ class MachineView:
         applied: command that took effect, by joint [rad/s] and track [m/s].
         is_stopped: whether the machine reports its emergency stop as pressed; None: not known.
         is_stop_requested: whether a press was published that the machine has not reported.
+        has_ignored_levers: whether the machine ignores levers until they have been at rest.
         phase: phase of the operator; empty without one.
     """
 
@@ -55,6 +56,7 @@ class MachineView:
     applied: dict[str, float] = field(default_factory=dict)
     is_stopped: bool | None = None
     is_stop_requested: bool = False
+    has_ignored_levers: bool = False
     phase: str = ""
 
     def start_run(self) -> None:
@@ -129,6 +131,7 @@ class MachineView:
             "applied": self.applied,
             "stopped": self.is_stopped,
             "stop_requested": self.is_stop_requested,
+            "levers_ignored": self.has_ignored_levers,
             "phase": self.phase,
             "speed": self.speed,
         }

@@ -40,6 +40,9 @@ from viewer.sources.machine_files import spec_in_config
 
 __all__ = ["SceneWriter", "node_of_status"]
 
+_IGNORED_AXES = "ignored_axes"
+"""Value of the diagnostics of a machine: axes that it ignores until they have been at rest."""
+
 _MAX_STATUS_LENGTH = 300
 _MAX_STATUS_ENTRIES = 50
 _MAX_COMMAND_VALUES = 64
@@ -177,6 +180,9 @@ class SceneWriter:
                 name = node_of_status(status)
                 for machine, is_stopped in self.reported_stops(status):
                     self.scene.set_stop(machine, is_stopped)
+                for machine, axes in self._machine_values(status, _IGNORED_AXES):
+                    if machine in self.scene.machines:
+                        self.scene.machines[machine].has_ignored_levers = bool(axes)
                 if name not in self.scene.status and len(self.scene.status) >= _MAX_STATUS_ENTRIES:
                     continue
                 level = level_name(status)
@@ -195,11 +201,17 @@ class SceneWriter:
 
     def reported_stops(self, status: DiagnosticStatus) -> Iterator[tuple[str, bool]]:
         """Yield machine and emergency stop, as the diagnostics of a machine node state them."""
+        for machine, value in self._machine_values(status, topics.EMERGENCY_STOP):
+            if value in ("True", "False"):
+                yield machine, value == "True"
+
+    def _machine_values(self, status: DiagnosticStatus, key: str) -> Iterator[tuple[str, str]]:
+        """Yield each machine of a machine node with its value of a key in the diagnostics."""
         node = f"/{node_of_status(status)}".removeprefix(self._namespace).rpartition("/")[0]
         for entry in status.values:
-            name, _, key = entry.key.rpartition("/")
-            if key == topics.EMERGENCY_STOP and entry.value in ("True", "False"):
-                yield resolve(name, node) if name else node, entry.value == "True"
+            name, _, found = entry.key.rpartition("/")
+            if found == key:
+                yield resolve(name, node) if name else node, entry.value
 
     # A machine node.
 

@@ -82,9 +82,10 @@ class ReportingMachine:
     def __init__(self) -> None:
         self.writer = SceneWriter(Scene())
 
-    def report(self, is_pressed: bool) -> None:
-        entry = KeyValue(key="digger/emergency_stop", value=str(is_pressed))
-        status = DiagnosticStatus(name="site/machine_sim", level=b"\0", values=[entry])
+    def report(self, is_pressed: bool, ignored_axes: str = "") -> None:
+        values = {"emergency_stop": str(is_pressed), "ignored_axes": ignored_axes}
+        entries = [KeyValue(key=f"digger/{key}", value=value) for key, value in values.items()]
+        status = DiagnosticStatus(name="site/machine_sim", level=b"\0", values=entries)
         self.writer.on_diagnostics(DiagnosticArray(status=[status]))
 
     def publish(self, is_pressed: bool) -> None:
@@ -109,6 +110,14 @@ def test_emergency_stop_is_requested_until_the_machine_reports_it() -> None:
     assert machine.shown == (True, False)
     machine.report(False)
     assert machine.shown == (False, False)
+
+
+def test_machine_that_ignores_levers_is_shown_until_they_count() -> None:
+    machine = ReportingMachine()
+    view = machine.writer.scene.machine(machine.name)
+    for axes in ("axis 4 (joy_left_pedal)", ""):
+        machine.report(False, axes)
+        assert view.gauges()["levers_ignored"] is bool(axes)
 
 
 def test_request_of_a_stop_ends_with_its_release_or_with_two_reports_that_deny_it() -> None:

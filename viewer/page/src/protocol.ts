@@ -155,6 +155,8 @@ export interface Gauges {
   stopped?: boolean | null;
   /** Whether a press was published that the machine has not reported yet. */
   stop_requested?: boolean;
+  /** Whether the machine ignores levers until they have been at rest: it, or their messages, stood still meanwhile. */
+  levers_ignored?: boolean;
   phase?: string;
   /** Travel speed [m/s]. */
   speed?: number;

@@ -10,6 +10,11 @@ const MAX_STATE_AGE = 1;
 export class Banners implements Part {
   private readonly connection = make("div", { class: "banner banner-warning", role: "alert", "data-testid": "banner-connection" });
   private readonly silent = make("div", { class: "banner banner-warning", role: "alert", "data-testid": "banner-silent", hidden: true });
+  private readonly ignored = make(
+    "div",
+    { class: "banner banner-warning", role: "alert", "data-testid": "banner-ignored", hidden: true },
+    "The machine ignores the levers since they, or it, stood still for a moment: release all of them once.",
+  );
   private readonly stop: HTMLElement;
   private wasDriving = false;
   readonly element: HTMLElement;
@@ -29,7 +34,7 @@ export class Banners implements Part {
       ),
     );
     this.connection.hidden = true;
-    this.element = make("div", { class: "banners" }, this.connection, this.silent, this.stop);
+    this.element = make("div", { class: "banners" }, this.connection, this.silent, this.ignored, this.stop);
   }
 
   /** Receive that the connection was lost while this page drove a machine. */
@@ -54,6 +59,7 @@ export class Banners implements Part {
       setText(this.connection, "Connecting…");
     }
     const isLive = app.world.hello?.source === "live";
+    setShown(this.ignored, session.isDriving && this.context.machine()?.gauges.levers_ignored === true);
     this.updateSilent(isLive && status === "online" && !isStalled);
     setShown(this.stop, isLive && session.selectedMachine !== null && this.context.machine()?.gauges.stopped === true);
     const button = this.stop.querySelector("button");
