@@ -91,15 +91,17 @@ def read_keys(stop: Callable[[], None]) -> Iterator[str]:
 
 
 def main() -> None:
-    argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    ).parse_args()
+    )
+    parser.add_argument("--machine", default="/excavator", help="its namespace (%(default)s)")
+    machine = parser.parse_args().machine.rstrip("/")
     print(KEY_TABLE, flush=True)
     # rclpy's own handler of SIGTERM would leave the terminal waiting for a key.
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C
     node = rclpy.create_node("keyboard_drive")
-    commands = node.create_publisher(JointState, "/excavator/joint_commands", 10)
+    commands = node.create_publisher(JointState, f"{machine}/joint_commands", 10)
     velocities = dict(STOPPED)
     node.create_timer(PERIOD, lambda: commands.publish(to_message(velocities)))
 
