@@ -245,7 +245,7 @@ class MachineDiagnostics:
             causes.append(f"the machine makes {fraction:.0%} of the ticks and skips the others")
         remedy = overload_remedy(has_particles=run.sim.particles.count > 0)
         text = f"too slow for real time: {' and '.join(causes)}; {remedy}"
-        self._diagnostics.problem(text, level, condition=OVERLOAD_CONDITION)
+        self._diagnostics.problem(text, level, condition=OVERLOAD_CONDITION, is_persistent=True)
 
 
 def _machine_values(instance: MachineInstance, simulated: SimulatedMachine) -> dict[str, Any]:

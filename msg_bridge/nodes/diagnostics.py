@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
@@ -45,6 +45,14 @@ class Report:
     level: Level
     message: str
     values: dict[str, str] = field(default_factory=dict)
+
+
+class _Problem(NamedTuple):
+    """A problem of one condition."""
+
+    is_persistent: bool
+    level: Level
+    text: str
 
 
 @dataclass
@@ -85,7 +93,7 @@ class Diagnostics:
         self._values: dict[str, Any] = {}
         self._counts: Counter[str] = Counter()
         self._rejections: dict[str, _RejectionLog] = {}
-        self._problems: dict[str, tuple[Level, str]] = {}  # by condition
+        self._problems: dict[str, _Problem] = {}  # by condition
         self._tasks: list[Callable[[], None]] = []
         self._publisher = node.create_publisher(
             DiagnosticArray, resolve(topics.DIAGNOSTICS, simulation_namespace), 10
@@ -126,7 +134,14 @@ class Diagnostics:
         self._node.get_logger().warning(f"rejected a message on {topic}: {reason}{more}")
         rejection_log.last_logged, rejection_log.unlogged = now, 0
 
-    def problem(self, text: str, level: Level = Level.WARN, *, condition: str = "") -> None:
+    def problem(
+        self,
+        text: str,
+        level: Level = Level.WARN,
+        *,
+        condition: str = "",
+        is_persistent: bool = False,
+    ) -> None:
         """Set level and message until `clear`.
 
         Args:
@@ -134,8 +149,10 @@ class Diagnostics:
             level: condition of the node while the problem lasts.
             condition: name of what is wrong; problems of several conditions are reported together,
                 a newer one of the same condition replaces the older one.
+            is_persistent: whether it usually lasts, as an overload does; it is reported behind what
+                has just happened, since lists cut long texts off.
         """
-        self._problems[condition] = (Level(level), text)
+        self._problems[condition] = _Problem(is_persistent, Level(level), text)
 
     def clear(self, condition: str = "") -> None:
         """Clear the problem of a condition."""
@@ -151,9 +168,10 @@ class Diagnostics:
         rejected = [topic for topic, r in self._rejections.items() if r.last_at >= since]
         level, sentences = Level.OK, []
         # The most severe first; of equal ones the oldest.
-        for problem_level, text in sorted(self._problems.values(), key=lambda each: -each[0]):
-            level = max(level, problem_level)
-            sentences.append(text)
+        order = sorted(self._problems.values(), key=lambda each: (each.is_persistent, -each.level))
+        for problem in order:
+            level = max(level, problem.level)
+            sentences.append(problem.text)
         if rejected:
             level = max(level, Level.WARN)
             sentences.append(f"messages rejected on {', '.join(sorted(rejected))}")

@@ -147,7 +147,7 @@ class SoilDiagnostics:
                 f"real-time factor {self._monitor.fraction:.2f}, below 1 for"
                 f" {self._monitor.low_time:.0f} s: {self._cause(load, num_late)}; {remedy}"
             )
-            self._diagnostics.problem(text, level, condition=OVERLOAD_CONDITION)
+            self._diagnostics.problem(text, level, condition=OVERLOAD_CONDITION, is_persistent=True)
             if level > self._logged_level:
                 self._node.get_logger().warning(text)
                 self._logged_level = level

@@ -137,3 +137,10 @@ def test_problems_of_several_conditions_are_reported_together(diagnostics: Diagn
     assert diagnostics.report().message == "the clock is very slow"
     diagnostics.clear("overload")
     assert diagnostics.report().level is Level.OK
+
+
+def test_persistent_problem_is_reported_behind_what_has_happened(diagnostics: Diagnostics) -> None:
+    diagnostics.problem("too slow", Level.ERROR, condition="overload", is_persistent=True)
+    diagnostics.problem("two machines touch", condition="contact")
+    report = diagnostics.report()
+    assert (report.level, report.message) == (Level.ERROR, "two machines touch; too slow")
