@@ -83,7 +83,9 @@ def test_menu_leaves_the_emergency_stop_free_and_closes_by_escape(
     page = show_page(site)
     page.page.get_by_test_id("view-menu").click(timeout=1e3 * LOADED)
     panel = page.page.get_by_test_id("view-menu-panel")
-    panel.get_by_text("Soil").click(timeout=1e3 * LOADED)
+    panel.get_by_text("Moisture").click(timeout=1e3 * LOADED)
+    heading = page.page.get_by_test_id("legend").get_by_role("heading", name="Moisture %")
+    heading.wait_for(timeout=1e3 * LOADED)  # with a space, for screen readers
     stop = page.page.get_by_test_id("emergency-stop")
     assert stop.evaluate(
         """(button) => {
