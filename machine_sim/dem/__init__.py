@@ -3,7 +3,7 @@
 Spheres with rotation touch each other, tools and the terrain. In the order of the algorithm:
 
 - `params`: parameters of the physics, with units and ranges
-- `state`: the particles, and their exact volume
+- `state`: the particles, and their exact volume; `particle_columns`: their columns, for kernels
 - `materials`: contact coefficients of each soil type
 - `lifecycle`: release, growth and settling of particles
 - `neighbours`: the list of pairs that may touch
@@ -12,8 +12,7 @@ Spheres with rotation touch each other, tools and the terrain. In the order of t
 - `partition`: parts of the work that threads can do at the same time
 - `tools`: tool geometry and motion
 - `sleep`: particles at rest, and soil that is locked to a tool
-- `invalidation`: what is rebuilt after which change; `step_buffers`: memory of a step;
-  `step_particles`: columns that the kernels of a step use
+- `invalidation`: what is rebuilt after which change; `step_buffers`: memory of a step
 - `contact_dynamics`: the data kept for contacts, and the stages of a step that use it
 - `soil_engine`: the interface of all engines of loose soil; `engine`: this one, stage by stage
 - `jit_warm_up`: compilation of all kernels before the first step

@@ -1,15 +1,16 @@
 """Contact dynamics of particles: the data kept for contacts, and the stages that use it.
 
-The stages of a step are the neighbour list, the ground contacts, growth and the substeps. What is
-kept from step to step is rebuilt as `invalidation` describes.
+The stages of a step are the neighbour list, and the motion with contacts and growth. What is kept
+from step to step is rebuilt as `invalidation` describes.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.dem.contacts.boundary_contacts import list_boundary_contacts
 from machine_sim.dem.contacts.contact_law import contact_parameters
 from machine_sim.dem.contacts.ground_contacts import GroundContactList
 from machine_sim.dem.contacts.pair_contacts import PairContacts
@@ -24,12 +25,7 @@ from machine_sim.dem.invalidation import (
     Change,
     Invalidation,
 )
-from machine_sim.dem.lifecycle.growth import (
-    GrowthView,
-    grow_radii,
-    growth_per_step,
-    set_initial_radii,
-)
+from machine_sim.dem.lifecycle.growth import growth_per_step
 from machine_sim.dem.neighbours.cell_grid import spatial_order
 from machine_sim.dem.neighbours.verlet_list import VerletList
 from machine_sim.dem.params import ParticleParams
@@ -41,18 +37,31 @@ from machine_sim.dem.step_motion import (
     StepState,
     move_particles,
 )
-from machine_sim.dem.step_particles import StepParticles
 from machine_sim.dem.substeps import SubstepParams
 from machine_sim.dem.tools.tool_set import ToolSet
 from machine_sim.ground.contact_surface import Ground
 from msg_bridge.kernels import BoxedTable, box_table
 
-__all__ = ["ContactDynamics"]
+__all__ = ["ContactDynamics", "StepMotion"]
 
 _BUILDS_PER_SORT = 50
 """List builds with many moving particles between two spatial sorts of the rows."""
 _TRACK_ALL_FRACTION = 0.75
 """Fraction of moving particles above which the neighbour list tracks the motion of all."""
+
+
+class StepMotion(NamedTuple):
+    """Result of a step in which particles moved.
+
+    Attributes:
+        contacts: contacts with plates and the ground.
+        num_tunnelled: number of particles that passed through a plate.
+        num_recovered: number of particles that had sunk through the ground and were put back.
+    """
+
+    contacts: BoundaryContacts
+    num_tunnelled: int
+    num_recovered: int
 
 
 class ContactDynamics:
@@ -134,34 +143,10 @@ class ContactDynamics:
         elif pairs.num_listed < state.count:
             pairs.insert(state, tracked_rows, dt)
 
-    def list_boundary_contacts(self, dt: float, rows: NDArray[np.int64]) -> BoundaryContacts:
-        """List the plates and the ground that `rows` may touch in a step of `dt` [s].
-
-        Args:
-            dt: length of the step [s].
-            rows: rows that move by forces.
-        """
-        state, tools, plate_list = self._state, self._tools, self.plate_list
-        self._ground_list.reserve(rows.size)
-        while True:
-            inside, num_plate_contacts, num_ground_contacts = list_boundary_contacts.for_threads(
-                self.neighbour_list.threads
-            )(
-                dt, self._motion_params(dt), rows, state.boxed_view(StepParticles),
-                tools.boxed_motion, self._ground_list.boxed_data, plate_list.table.boxed_arrays,
-                plate_list.next_table(state.count).boxed_arrays,
-            )  # fmt: skip
-            if not tools.tools:
-                plate_list.table.count = 0
-                break
-            if plate_list.accept(num_plate_contacts):
-                break
-        return BoundaryContacts(inside, plate_list.table.count, num_ground_contacts)
-
     def contact_tables(self, contacts: BoundaryContacts) -> StepContactTables:
         """Return all contacts of the step, with the `contacts` of it that were listed."""
         return StepContactTables(
-            self._pair_contacts.boxed,
+            self._buffers.boxed_memory, self._pair_contacts.boxed,
             self.plate_list.table.boxed_arrays, contacts.num_plate_contacts,
             self._ground_list.boxed_data, contacts.num_ground_contacts,
         )  # fmt: skip
@@ -185,60 +170,47 @@ class ContactDynamics:
                     contact_parameters(substep, duration, params.restitution),
                     contact_parameters(substep, duration, params.boundary_restitution),
                     params.settle_speed,
+                    params.release_radius_fraction,
+                    growth_per_step(dt, params),
                 )
             )
         return boxed
 
-    def grow(self, dt: float, num_ground_contacts: int) -> bool:
-        """Set the contact radii of released particles, and grow those below the full radius.
-
-        Returns:
-            Whether contact radii may have changed.
-        """
-        if self._num_growing == 0:
-            return False
-        params, pairs, view = self._params, self.neighbour_list.pairs, self._state.view(GrowthView)
-        first, second = pairs.first[: pairs.count], pairs.second[: pairs.count]
-        if self._invalidation.is_stale(INITIAL_RADII):
-            set_initial_radii(
-                params.release_radius_fraction, first, second, view,
-                self.plate_list.table.candidates, self._tools.motion,
-                self._ground_list.first(num_ground_contacts),
-            )  # fmt: skip
-            self._invalidation.mark_rebuilt(INITIAL_RADII)
-        self._num_growing = grow_radii(growth_per_step(dt, params), first, second, view)
-        return True
-
-    def move(
-        self, dt: float, moving: MovingRows, num_ground_contacts: int, radii_changed: bool
-    ) -> tuple[int, int]:
-        """Move the particles that move by forces, and advance their settle timers.
+    def move(self, dt: float, moving: MovingRows) -> StepMotion:
+        """List the contacts with plates and the ground, let particles grow, and move them.
 
         Args:
             dt: [s].
-            moving: rows that move.
-            num_ground_contacts: number of listed contacts with the ground.
-            radii_changed: whether contact radii have changed since the last step.
-
-        Returns:
-            (number of particles that passed through a plate, number of particles that had sunk
-            through the ground and were put back).
+            moving: rows that move; at least one moves by forces.
         """
-        tools, pairs, plates = self._tools, self.neighbour_list.pairs, self.plate_list.table
-        loads_all = self._invalidation.is_stale(BODY_RECORDS)
-        rebuilds_contacts = self._invalidation.is_stale(CONTACT_BLOCKS)
-        if rebuilds_contacts:
+        tools, pairs, plate_list = self._tools, self.neighbour_list.pairs, self.plate_list
+        invalidation, has_tools = self._invalidation, bool(tools.tools)
+        self._ground_list.reserve(moving.num_free)
+        step = StepState(
+            loads_all=invalidation.is_stale(BODY_RECORDS),
+            rebuilds_contacts=invalidation.is_stale(CONTACT_BLOCKS),
+            grows=self._num_growing > 0,
+            sets_initial_radii=invalidation.is_stale(INITIAL_RADII),
+        )
+        if step.rebuilds_contacts:
             self._pair_contacts.clear(pairs)
-        self._plate_contacts.reserve(plates, len(tools.tool_of_plate))
-        num_tunnelled, num_recovered = move_particles.for_threads(self.neighbour_list.threads)(
-            dt, self._motion_params(dt),
-            StepState(
-                loads_all, rebuilds_contacts, radii_changed, plates.count, num_ground_contacts
-            ),
-            moving, self._buffers.body_records, self._buffers.force_sums,
-            self._state.boxed_view(StepParticles), pairs.boxed, self._pair_contacts.boxed,
-            plates.boxed_arrays, self._plate_contacts.boxed_memory, self._ground_list.boxed_data,
-            tools.boxed_motion,
-        )  # fmt: skip
-        self._invalidation.mark_rebuilt(BODY_RECORDS, CONTACT_BLOCKS)
-        return num_tunnelled, num_recovered
+        is_moved = False
+        while not is_moved:
+            plates = plate_list.next_table(self._state.count)
+            self._plate_contacts.reserve(plates, len(tools.tool_of_plate))
+            num_plate_contacts, num_ground_contacts, num_growing, num_tunnelled, num_recovered = (
+                move_particles.for_threads(self.neighbour_list.threads)(
+                    dt, self._motion_params(dt), step, moving, self._buffers.boxed_memory,
+                    self._state.boxed, pairs.boxed, self._pair_contacts.boxed,
+                    plate_list.table.boxed_arrays, plates.boxed_arrays,
+                    self._plate_contacts.boxed_memory, self._ground_list.boxed_data,
+                    tools.boxed_motion,
+                )
+            )  # fmt: skip
+            is_moved = plate_list.accept(num_plate_contacts, has_tools=has_tools)
+        if step.grows:
+            self._num_growing = num_growing
+            invalidation.mark_rebuilt(INITIAL_RADII)
+        invalidation.mark_rebuilt(BODY_RECORDS, CONTACT_BLOCKS)
+        contacts = BoundaryContacts(num_plate_contacts, num_ground_contacts)
+        return StepMotion(contacts, num_tunnelled, num_recovered)

@@ -201,9 +201,9 @@ class ParticleEngine(SoilEngine):
         num_woken, moving = self._sleep_manager.wake_disturbed(state, tools, self.ground, dt)
         if num_woken:
             self._dynamics.invalidate(Change.PARTICLES_WOKEN)
-        if moving.free.size:
+        if moving.num_free:
             self._advance(dt, moving)
-        elif moving.locked.size:
+        elif moving.locked_tool.size:
             self._sleep_manager.move_locked_loads(state, tools, moving)
         tools.end_step()
 
@@ -211,17 +211,13 @@ class ParticleEngine(SoilEngine):
         """Run the stages of a step in which particles move by forces."""
         state, tools, dynamics = self.state, self._tools, self._dynamics
         dynamics.update_neighbour_list(dt, moving)
-        contacts = dynamics.list_boundary_contacts(dt, moving.free)
-        radii_changed = dynamics.grow(dt, contacts.num_ground_contacts)
-        num_tunnelled, num_recovered = dynamics.move(
-            dt, moving, contacts.num_ground_contacts, radii_changed
-        )
-        self.num_plate_tunnellings += num_tunnelled
-        self.num_ground_tunnellings += num_recovered
-        if moving.locked.size:
+        motion = dynamics.move(dt, moving)
+        self.num_plate_tunnellings += motion.num_tunnelled
+        self.num_ground_tunnellings += motion.num_recovered
+        if moving.locked_tool.size:
             self._sleep_manager.move_locked_loads(state, tools, moving)
         num_woken, num_asleep = self._sleep_manager.update(
-            state, tools, moving.free, contacts.inside, dynamics.contact_tables(contacts), dt
+            state, tools, moving.free, dynamics.contact_tables(motion.contacts), dt
         )
         if num_woken:
             dynamics.invalidate(Change.PARTICLES_WOKEN)

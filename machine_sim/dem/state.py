@@ -5,12 +5,13 @@ Rows are in the order of release until `reorder` is called; the particle ids are
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numba import literal_unroll
 from numpy.typing import ArrayLike, NDArray
 
+from machine_sim.dem.particle_columns import ParticleColumns, allocate_columns
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.kernels import BoxedTable, box_table, fixed_signature_kernel, kernel
 
@@ -22,39 +23,6 @@ ASLEEP_ON_MAP = 1
 """Sleep state of a particle at rest relative to the map; higher ones are for tools, see
 `sleep.sleep_state`."""
 
-_COLUMN_TYPES: dict[str, tuple[str, tuple[int, ...]]] = {
-    "position": ("f8", (3,)),
-    "velocity": ("f8", (3,)),
-    "angular_velocity": ("f4", (3,)),
-    "radius": ("f4", ()),
-    "contact_radius": ("f4", ()),
-    "mass": ("f4", ()),
-    "inverse_mass": ("f4", ()),
-    "volume_mm3": ("i8", ()),
-    "soil": ("u1", ()),
-    "moisture": ("u1", ()),
-    "particle_id": ("u4", ()),
-    "friction": ("f4", ()),
-    "rolling_friction": ("f4", ()),
-    "cohesion": ("f4", ()),
-    "tool_friction": ("f4", ()),
-    "tool_rolling_friction": ("f4", ()),
-    "adhesion": ("f4", ()),
-    "frozen": ("?", ()),
-    "penetration_limited": ("?", ()),
-    "settle_timer": ("f4", ()),
-    "ground_spring": ("f4", (3,)),
-    "ground_overlap": ("f4", ()),
-    "sleep_state": ("i2", ()),
-    "wake_reference": ("f8", (3,)),
-    "sleep_timer": ("f4", ()),
-    "pair_list_row": ("i4", ()),
-    "plate_list_row": ("i4", ()),
-}
-"""Data type and shape of one row of each column."""
-
-
-ViewT = TypeVar("ViewT", bound=tuple[Any, ...])
 _DUPLICATE_ID, _UNKNOWN_ID = 1, 2
 _INITIAL_CAPACITY = 1024
 
@@ -94,6 +62,8 @@ class ParticleState:
         sleep_timer: time for which it has hardly moved [s].
         pair_list_row, plate_list_row: its row in the pair list and in the plate list of the last
             step, -1 if it is not listed.
+        columns, boxed: the columns above as a table for kernels, as such and boxed; replaced where
+            particles are added, removed or reordered.
         count: number of particles.
         capacity: maximum number of particles.
         next_id: id of the next particle.
@@ -126,15 +96,15 @@ class ParticleState:
     ground_overlap: NDArray[np.float32]
     pair_list_row: NDArray[np.int32]
     plate_list_row: NDArray[np.int32]
+    columns: ParticleColumns
+    boxed: BoxedTable
 
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
         self.count = 0
         self.next_id = 1
-        self._set_columns(_allocate(min(capacity, _INITIAL_CAPACITY)))
+        self._set_columns(allocate_columns(min(capacity, _INITIAL_CAPACITY)))
         self._rows_by_id: NDArray[np.intp] | None = None
-        self._views: dict[type, Any] = {}
-        self._boxed_views: dict[type, BoxedTable] = {}
         self._update_views()
 
     @property
@@ -225,7 +195,7 @@ class ParticleState:
 
     def _reallocate(self, capacity: int) -> None:
         """Move the columns to arrays with room for more rows."""
-        columns = _allocate(capacity)
+        columns = allocate_columns(capacity)
         for name, column in self._columns.items():
             columns[name][: self.count] = column[: self.count]
         self._set_columns(columns)
@@ -235,34 +205,12 @@ class ParticleState:
         self._scalar_columns = tuple(each for each in columns.values() if each.ndim == 1)
         self._vector_columns = tuple(each for each in columns.values() if each.ndim == 2)
 
-    def view(self, fields: type[ViewT]) -> ViewT:
-        """Return some columns as a named tuple, for kernels.
-
-        Args:
-            fields: named tuple whose fields are names of columns.
-
-        Returns:
-            The columns; the same object until particles are added, removed or reordered.
-        """
-        view: ViewT | None = self._views.get(fields)
-        if view is None:
-            names = fields._fields  # type: ignore[attr-defined]
-            view = self._views[fields] = fields(*(getattr(self, name) for name in names))
-        return view
-
-    def boxed_view(self, fields: type[tuple[Any, ...]]) -> BoxedTable:
-        """Return `view(fields)` as a boxed table."""
-        boxed = self._boxed_views.get(fields)
-        if boxed is None:
-            boxed = self._boxed_views[fields] = box_table(self.view(fields))
-        return boxed
-
     def _update_views(self) -> None:
         """Make the attributes views of the rows in use."""
-        self._views.clear()
-        self._boxed_views.clear()
-        for name, column in self._columns.items():
-            setattr(self, name, column[: self.count])
+        views = {name: column[: self.count] for name, column in self._columns.items()}
+        vars(self).update(views)
+        self.columns = ParticleColumns(**views)
+        self.boxed = box_table(self.columns)
 
 
 @kernel
@@ -339,11 +287,3 @@ def _keep_in_order(order, kept):  # type: ignore[no-untyped-def]
             new_order[count] = new_row[i]
             count += 1
     return new_order
-
-
-def _allocate(capacity: int) -> dict[str, NDArray[Any]]:
-    """Return zeroed columns by name."""
-    return {
-        name: np.zeros((capacity, *shape), dtype=dtype)
-        for name, (dtype, shape) in _COLUMN_TYPES.items()
-    }

@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from machine_sim.dem.body_records import BODY_RECORD_SIZE, FORCE_RECORD_SIZE
+from msg_bridge.kernels import BoxedTable, box_table
 
-__all__ = ["StepBuffers"]
+__all__ = ["StepBuffers", "StepMemory"]
+
+
+class StepMemory(NamedTuple):
+    """Working memory of a step, for kernels.
+
+    Attributes:
+        body: float32 records of the bodies, see `body_records`.
+        force_sums: sums of contact forces, see `body_records`.
+        inside: index of the tool in whose hull each of the rows is that move by forces, int64.
+    """
+
+    body: NDArray[np.float32]
+    force_sums: NDArray[np.float32]
+    inside: NDArray[np.int64]
 
 
 class StepBuffers:
     """Arrays with a row for each particle and each tool, and spare capacity.
 
     Attributes:
-        body_records: float32 records of the bodies, see `body_records`.
-        force_sums: sums of contact forces, see `body_records`.
+        boxed_memory: `StepMemory`, boxed.
     """
 
     def __init__(self) -> None:
@@ -22,11 +39,17 @@ class StepBuffers:
 
     def reserve(self, count: int) -> bool:
         """Make room for `count` rows; return whether that cleared the arrays."""
-        if len(self.body_records) >= count:
+        if self._capacity >= count:
             return False
-        self._allocate(max(count, 2 * len(self.body_records)))
+        self._allocate(max(count, 2 * self._capacity))
         return True
 
     def _allocate(self, count: int) -> None:
-        self.body_records = np.zeros((count, BODY_RECORD_SIZE), np.float32)
-        self.force_sums = np.zeros((count, FORCE_RECORD_SIZE), np.float32)
+        self._capacity = count
+        self.boxed_memory: BoxedTable = box_table(
+            StepMemory(
+                np.zeros((count, BODY_RECORD_SIZE), np.float32),
+                np.zeros((count, FORCE_RECORD_SIZE), np.float32),
+                np.zeros(count, np.int64),
+            )
+        )

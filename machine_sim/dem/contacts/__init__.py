@@ -6,7 +6,7 @@ In the order of the algorithm:
 - `ground_contacts`: contacts with the terrain, listed in each step; `ground_recovery`: recovery of
   particles that sank, and settle timers
 - `plate_contact_list`: particles and tool plates that may touch within a step
-- `boundary_contacts`: both lists in one call
+- `boundary_contacts`: both lists
 - `pair_contacts`, `plate_contacts`, `ground_contact_blocks`: contacts copied into blocks for
   vectorised evaluation
 - `pair_block`, `plate_block`, `ground_block`: layouts of these blocks; `block_vectors`: access to

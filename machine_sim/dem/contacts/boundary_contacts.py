@@ -1,4 +1,4 @@
-"""Contacts of a step with plates and with the ground, listed in one call."""
+"""Contacts of a step with plates and with the ground."""
 
 from __future__ import annotations
 
@@ -14,34 +14,34 @@ __all__ = ["list_boundary_contacts"]
 
 @threaded_stages
 def list_boundary_contacts(  # type: ignore[no-untyped-def]
-    dt, params, rows, boxed_particles, boxed_tools, boxed_ground, old_plates, new_plates
+    dt, surface_params, rows, particles, tools, ground, old_plates, new_plates, inside
 ):
     """List the plates, and the ground, that particles may touch within a step.
 
     Args:
         dt: length of the step [s].
-        params: `MotionParams`, boxed.
+        surface_params: `ContactParameters` of contacts with plates and with the ground.
         rows: particles moved by forces.
-        boxed_particles: `StepParticles`, boxed.
-        boxed_tools: `ToolMotion`, boxed.
-        boxed_ground: `GroundData`, boxed, with room for all rows; the contacts are filled.
-        old_plates, new_plates: `PlateContactArrays` of the last step and of this one, boxed.
+        particles: `ParticleColumns`.
+        tools: `ToolMotion`.
+        ground: `GroundData`, with room for all rows; the contacts are filled.
+        old_plates, new_plates: `PlateContactArrays` of the last step and of this one.
+        inside: out, index of the tool that each row is in, `NO_TOOL` for none.
 
     Returns:
-        (index of the tool that each row is in, `NO_TOOL` for none; number of plate contacts, -1
-        where the table is too small and nothing was changed; number of ground contacts).
+        (number of plate contacts, -1 where the table is too small: then only `inside` was changed;
+        number of ground contacts).
     """
-    particles, tools, ground = boxed_particles.table, boxed_tools.table, boxed_ground.table
     near_tools = select_near_tools(dt, rows, particles, tools, ground.cell)
-    inside, ground_masked, near = classify_near_tools(near_tools, rows.size, tools, ground.cell)
+    ground_masked, near = classify_near_tools(near_tools, tools, ground.cell, inside)
     num_plate_contacts, num_ground_contacts = np.int64(0), np.int64(0)
     if tools.twist.shape[0] > 0:
         num_plate_contacts = list_plate_contacts(
-            dt, rows, near_tools, particles, tools, old_plates.table, new_plates.table
+            dt, rows, near_tools, particles, tools, old_plates, new_plates
         )
     if num_plate_contacts >= 0:
         num_ground_contacts = list_ground_contacts(
-            ground.surface, ground.frame, dt, params.table.surface, rows, ground_masked, near,
+            ground.surface, ground.frame, dt, surface_params, rows, ground_masked, near,
             particles, ground.contacts.row, ground.contacts.plane,
         )  # fmt: skip
-    return inside, num_plate_contacts, num_ground_contacts
+    return num_plate_contacts, num_ground_contacts

@@ -54,7 +54,7 @@ def fill_ground_blocks(contacts, particles, limited_overlap, blocks):  # type: i
 
     Args:
         contacts: `GroundContacts`.
-        particles: `StepParticles`.
+        particles: `ParticleColumns`.
         limited_overlap: overlap above which a penetration-limited contact repels no more [m].
         blocks: out, `GroundContactBlocks`.
     """

@@ -98,22 +98,18 @@ class GroundContactList:
 
     def reserve(self, count: int) -> None:
         """Make room for a number of contacts."""
-        if len(self._contacts.row) < count:
+        if self._capacity < count:
             self._allocate(2 * count)
-
-    def first(self, count: int) -> GroundContacts:
-        """Return the first contacts, which are valid until the next step."""
-        return GroundContacts(self._contacts.row[:count], self._contacts.plane[:count])
 
     def _allocate(self, count: int) -> None:
         ground = self._ground
-        self._contacts = GroundContacts(np.zeros(count, np.int64), np.zeros((count, PLANE_SIZE)))
+        self._capacity = count
         self.boxed_data: BoxedTable = box_table(
             GroundData(
                 ground.surface,
                 ground.frame,
                 ground.grid.cell,
-                self._contacts,
+                GroundContacts(np.zeros(count, np.int64), np.zeros((count, PLANE_SIZE))),
                 allocate_ground_blocks(count),
             )
         )
@@ -148,7 +144,7 @@ def list_ground_contacts(  # type: ignore[no-untyped-def]
         params: `ContactParameters` at the ground.
         rows: particles moved by forces.
         ground_masked, near_tool: of each of these, see `tools.near_tools`.
-        particles: `StepParticles`.
+        particles: `ParticleColumns`.
         row, plane: out, as in `GroundContacts`, with room for all rows.
 
     Returns:

@@ -34,7 +34,7 @@ def recover_and_time_settling(  # type: ignore[no-untyped-def]
         settle_speed: [m/s].
         rows: particles moved by forces.
         contacts: `GroundContacts` of the step.
-        particles: `StepParticles`; updated.
+        particles: `ParticleColumns`; updated.
 
     Returns:
         Number of particles put back.

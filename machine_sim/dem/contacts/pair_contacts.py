@@ -151,7 +151,7 @@ def update_pair_contacts(  # type: ignore[no-untyped-def]
     Args:
         dt: length of the step [s], float32.
         pairs, bounds: `PairArrays`, and the bounds of the parts.
-        particles: `StepParticles`.
+        particles: `ParticleColumns`.
         body: body records of all particles.
         contacts: `PairContactBlocks`; updated.
         source: `PairContactSource`; updated.

@@ -92,11 +92,6 @@ class PlateContactTable:
         )  # fmt: skip
         self.boxed_arrays: BoxedTable = box_table(self.arrays)
 
-    @property
-    def candidates(self) -> PlateCandidates:
-        """The listed contacts."""
-        return PlateCandidates(self.row[: self.count], self.plate[: self.count])
-
 
 class PlateContactList:
     """The table of plate contacts, listed in each step with its history carried over."""
@@ -110,12 +105,19 @@ class PlateContactList:
         self._spare.reserve_rows(num_rows)
         return self._spare
 
-    def accept(self, count: int) -> bool:
+    def accept(self, count: int, *, has_tools: bool) -> bool:
         """Make the next table the present one, with the result of `list_plate_contacts`.
+
+        Args:
+            count: number of contacts, -1 where the table was too small.
+            has_tools: whether there are tools; without any the table was not filled.
 
         Returns:
             False where the table was too small; it is larger now.
         """
+        if not has_tools:
+            self.table.count = 0
+            return True
         if count < 0:
             self._spare = PlateContactTable(2 * len(self._spare.row))
             return False
@@ -139,7 +141,7 @@ def list_plate_contacts(dt, rows, near_tools, particles, tools, old, new):  # ty
         dt: length of the step [s].
         rows: particles moved by forces.
         near_tools: which of these are near each tool, `NearTools`.
-        particles: `StepParticles`; the row of each particle in the old table is replaced by that
+        particles: `ParticleColumns`; the row of each particle in the old table is replaced by that
             in the new one, -1 for none.
         tools: `ToolMotion`.
         old, new: `PlateContactArrays`.

@@ -95,9 +95,9 @@ class PlateContacts:
         self.boxed_memory: BoxedTable = box_table(self.memory)
 
     def reserve(self, table: PlateContactTable, num_plates: int) -> None:
-        """Make room for the contacts of a table."""
-        max_blocks = table.count // plate.BLOCK_SIZE + num_plates
-        if max_blocks > len(self.memory.blocks.plate) or table.count > len(self.memory.slot):
+        """Make room for as many contacts as a table can hold, with a number of plates."""
+        max_blocks = len(table.row) // plate.BLOCK_SIZE + num_plates
+        if max_blocks > len(self.memory.blocks.plate) or len(table.row) > len(self.memory.slot):
             self._allocate(2 * max_blocks, len(table.row))
 
 
@@ -109,7 +109,7 @@ def fill_plate_blocks(  # type: ignore[no-untyped-def]
 
     Args:
         candidates, spring, side: the listed contacts, see `PlateContactTable`.
-        particles: `StepParticles`.
+        particles: `ParticleColumns`.
         tools: `ToolMotion`.
         body, force_sums: see `body_records`; the records of the tools are filled.
         blocks: out, `PlateContactBlocks`.

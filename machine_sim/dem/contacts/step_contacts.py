@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from machine_sim.dem.contacts.ground_contacts import GroundContacts
 from machine_sim.dem.contacts.pair_contacts import PairContactBlocks
 from machine_sim.dem.contacts.plate_contact_list import PlateCandidates
@@ -16,14 +13,8 @@ __all__ = ["BoundaryContacts", "StepContactTables", "StepContacts"]
 
 
 class BoundaryContacts(NamedTuple):
-    """Contacts with plates and with the ground that were listed for a step.
+    """Numbers of contacts with plates and with the ground that were listed for a step."""
 
-    Attributes:
-        inside: index of the tool that each row is in, `NO_TOOL` for none, int64, shape (rows,).
-        num_plate_contacts, num_ground_contacts: numbers of contacts.
-    """
-
-    inside: NDArray[np.int64]
     num_plate_contacts: int
     num_ground_contacts: int
 
@@ -32,11 +23,13 @@ class StepContactTables(NamedTuple):
     """Tables with the contacts of a step, for kernels.
 
     Attributes:
-        pairs: `PairContactData`, boxed, as the others.
+        memory: `StepMemory`, boxed, as the others.
+        pairs: `PairContactData`.
         plates, num_plate_contacts: `PlateContactArrays`, and the number of contacts in it.
         ground, num_ground_contacts: `GroundData`, and the number of contacts in it.
     """
 
+    memory: BoxedTable
     pairs: BoxedTable
     plates: BoxedTable
     num_plate_contacts: int

@@ -23,7 +23,7 @@ def count_tunnelled(rows, before, particles, tools, contacts):  # type: ignore[n
     Args:
         rows: rows of the particles moved by forces.
         before: their centres at the start of the step [m], map frame, shape (rows, 3).
-        particles: `StepParticles` at the end of the step.
+        particles: `ParticleColumns` at the end of the step.
         tools: `ToolMotion`.
         contacts: `PlateContactArrays`.
     """

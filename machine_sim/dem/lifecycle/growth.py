@@ -6,18 +6,15 @@ nothing. It grows in `growth_time` where it has room, slowly where it must push 
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.tools.plane import signed_distance
 from machine_sim.dem.tools.plates import closest_in_polygon, plate_coordinates
 from machine_sim.dem.tools.pose import to_tool_frame
-from msg_bridge.kernels import fixed_signature_kernel, helper
+from msg_bridge.kernels import helper
 
-__all__ = ["GrowthView", "grow_radii", "growth_per_step", "set_initial_radii"]
+__all__ = ["grow_radii", "growth_per_step", "set_initial_radii"]
 
 _MIN_RADIUS_FRACTION = np.float32(0.01)
 """Minimum contact radius, in radii: a particle released inside another must push it somewhere."""
@@ -31,21 +28,12 @@ _MIN_GROWTH_FRACTION = 1.0 / 16.0
 """Fraction of the full growth speed that is kept against any pressure, so that growth ends."""
 
 
-class GrowthView(NamedTuple):
-    """Columns of `ParticleState` that growth reads or writes; see there for the units."""
-
-    position: NDArray[np.float64]
-    radius: NDArray[np.float32]
-    contact_radius: NDArray[np.float32]
-    inverse_mass: NDArray[np.float32]
-
-
 def growth_per_step(dt: float, params: ParticleParams) -> float:
     """Return the maximum growth of a particle in a step of `dt` [s], in radii."""
     return dt * (1.0 - params.release_radius_fraction) / max(params.growth_time, dt)
 
 
-@fixed_signature_kernel
+@helper(allocates=True)
 def set_initial_radii(  # type: ignore[no-untyped-def]
     max_fraction, first, second, view, plate_contacts, tools, ground_contacts
 ):
@@ -57,7 +45,7 @@ def set_initial_radii(  # type: ignore[no-untyped-def]
     Args:
         max_fraction: maximum initial contact radius, in radii.
         first, second: rows of the listed pairs, shape (pairs,).
-        view: `GrowthView`; contact radii are set, and coincident particles separated.
+        view: `ParticleColumns`; contact radii are set, and coincident particles separated.
         plate_contacts, tools, ground_contacts: `PlateCandidates`, `ToolMotion`, `GroundContacts`.
     """
     radius, contact_radius = view.radius, view.contact_radius
@@ -140,7 +128,7 @@ def _separate_coincident(first, second, view):  # type: ignore[no-untyped-def]
         position[j, 2] += shift * z
 
 
-@fixed_signature_kernel
+@helper(allocates=True)
 def grow_radii(max_growth, first, second, view):  # type: ignore[no-untyped-def]
     """Grow contact radii that are below the full radius.
 
@@ -150,7 +138,7 @@ def grow_radii(max_growth, first, second, view):  # type: ignore[no-untyped-def]
     Args:
         max_growth: maximum growth in this step, in radii.
         first, second: rows of the listed pairs, shape (pairs,).
-        view: `GrowthView`; contact radii are updated.
+        view: `ParticleColumns`; contact radii are updated.
 
     Returns:
         Number of particles that are still growing, with frozen ones: they grow once unfrozen.

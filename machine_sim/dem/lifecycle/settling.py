@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,16 +17,6 @@ from msg_bridge.kernels import fixed_signature_kernel, helper, kernel
 __all__ = ["distance_to_plates", "settled_ids"]
 
 
-class _SettlingView(NamedTuple):
-    """Columns of `ParticleState` that settling depends on; see there for the units."""
-
-    position: NDArray[np.float64]
-    radius: NDArray[np.float32]
-    settle_timer: NDArray[np.float32]
-    frozen: NDArray[np.bool_]
-    particle_id: NDArray[np.uint32]
-
-
 def settled_ids(
     state: ParticleState, ground: Ground, tools: ToolSet, params: ParticleParams
 ) -> NDArray[np.uint32]:
@@ -40,7 +28,7 @@ def settled_ids(
     """
     size_x, size_y = ground.grid.size
     ids: NDArray[np.uint32] = _settled_ids(
-        state.boxed_view(_SettlingView), 0.5 * size_x, 0.5 * size_y,
+        state.boxed, 0.5 * size_x, 0.5 * size_y,
         np.float32(params.settle_time), tools.boxed_motion, tools.end_poses,
         params.tool_clearance,
     )  # fmt: skip
@@ -54,7 +42,7 @@ def _settled_ids(  # type: ignore[no-untyped-def]
     """Return the ids of settled particles, ascending.
 
     Args:
-        boxed_particles: `_SettlingView`, boxed.
+        boxed_particles: `ParticleColumns`, boxed.
         half_x, half_y: half the extent of the map [m].
         settle_time: [s], float32.
         boxed_tools: `ToolMotion`, boxed.

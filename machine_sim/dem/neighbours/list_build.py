@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from machine_sim.dem.neighbours.cell_grid import rows_in_box, sort_into_cells
 from machine_sim.dem.neighbours.history_transfer import transfer_history
@@ -21,19 +20,7 @@ from machine_sim.dem.neighbours.skin_widths import (
 from machine_sim.dem.state import AWAKE
 from msg_bridge.kernels import helper, kernel, threaded_stages
 
-__all__ = ["ListLimits", "NeighbourView", "active_rows", "build_list"]
-
-
-class NeighbourView(NamedTuple):
-    """Columns of `ParticleState` that a pair list depends on; see there for the units."""
-
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    radius: NDArray[np.float32]
-    contact_radius: NDArray[np.float32]
-    frozen: NDArray[np.bool_]
-    sleep_state: NDArray[np.int16]
-    pair_list_row: NDArray[np.int32]
+__all__ = ["ListLimits", "active_rows", "build_list"]
 
 
 class ListLimits(NamedTuple):
@@ -62,7 +49,7 @@ def build_list(  # type: ignore[no-untyped-def]
         limits: `ListLimits`.
         growth: `GrowthPrediction` of the lifetime of a list.
         tracked_rows: rows whose motion counts, at least one: all particles, or those that move.
-        boxed_particles: `NeighbourView`, boxed.
+        boxed_particles: `ParticleColumns`, boxed.
         boxed_old, old_count: `ListedPairs` of the previous table, boxed, and number of its pairs;
             see `transfer_history`.
         boxed_new: `ListedPairs` of the new table, boxed; the pairs are filled.

@@ -63,7 +63,7 @@ def any_skin_exceeded(  # type: ignore[no-untyped-def]
     Args:
         rows: tracked rows.
         tracks_all: whether these are all particles: then displacements are relative to their mean.
-        boxed_particles: `NeighbourView`, boxed.
+        boxed_particles: `ParticleColumns`, boxed.
         listed: `ListedParticles`.
         growth: `GrowthPrediction` of one step.
         dt: length of the step [s].

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from machine_sim.dem.lifecycle.growth import growth_per_step
 from machine_sim.dem.neighbours.list_build import (
     ListLimits,
-    NeighbourView,
     active_rows,
     build_list,
 )
@@ -164,7 +163,7 @@ class VerletList:
         rows = tracked_rows[tracked_rows < self.num_listed] if num_added else tracked_rows
         return rows.size > 0 and bool(
             any_skin_exceeded.for_threads(self.threads)(
-                rows, rows.size == self.num_listed, state.boxed_view(NeighbourView), self._listed,
+                rows, rows.size == self.num_listed, state.boxed, self._listed,
                 self._predict_growth(dt, 1.0), dt,
             )
         )  # fmt: skip
@@ -225,7 +224,7 @@ class VerletList:
         new.clear_rows(state.count)
         num_pairs, num_asleep, sparse, num_outliers, slabs, active, listed = (
             build_list.for_threads(self.threads)(
-                dt, limits, growth, tracked_rows, state.boxed_view(NeighbourView), old.boxed,
+                dt, limits, growth, tracked_rows, state.boxed, old.boxed,
                 old.count, new.boxed, new.begin, new.end,
             )
         )  # fmt: skip

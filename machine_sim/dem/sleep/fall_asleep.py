@@ -27,7 +27,7 @@ _MIN_LOCKED_FRACTION = 0.95
 
 @fixed_signature_kernel
 def update_sleep(  # type: ignore[no-untyped-def]
-    dt, boxed_params, rows, inside, boxed_particles, boxed_tools, boxed_gravity, boxed_pairs,
+    dt, boxed_params, rows, boxed_particles, boxed_tools, boxed_gravity, boxed_memory, boxed_pairs,
     boxed_plates, num_plate_contacts, boxed_ground, num_ground_contacts,
 ):  # fmt: skip
     """Wake particles that moving ones touch, and put those to sleep that have rested long enough.
@@ -36,20 +36,21 @@ def update_sleep(  # type: ignore[no-untyped-def]
         dt: length of the step [s].
         boxed_params: `SleepParams`, boxed, as the tables below.
         rows: rows that moved by forces in the step.
-        inside: index of the tool in whose hull each of these is, `NO_TOOL` for none.
-        boxed_particles: `SleepView`; those that fall asleep are at rest on their carriers.
+        boxed_particles: `ParticleColumns`; those that fall asleep are at rest on their carriers.
         boxed_tools: `ToolMotion` at the end of the step.
         boxed_gravity: `GravityInTools`; the first soil of a load defines the gravity under which
             the load is at rest.
+        boxed_memory: `StepMemory`, with the tool in whose hull each of `rows` is.
         boxed_pairs: `PairContactData`.
         boxed_plates, num_plate_contacts: `PlateContactArrays`, and the number of contacts.
         boxed_ground, num_ground_contacts: `GroundData`, and the number of contacts.
 
     Returns:
-        (number of particles that woke; rows that fell asleep; their sleep states; number of these
-        that were locked to a tool, whose wake references are still to be set).
+        (number of particles that woke; number that fell asleep; number of these that were locked
+        to a tool, whose wake references are still to be set).
     """
     params, particles, tools = boxed_params.table, boxed_particles.table, boxed_tools.table
+    inside = boxed_memory.table.inside[: rows.size]
     plates, ground = boxed_plates.table, boxed_ground.table.contacts
     contacts = StepContacts(
         boxed_pairs.table.blocks,
@@ -69,8 +70,8 @@ def update_sleep(  # type: ignore[no-untyped-def]
                 t, params, rows, inside, particles, tools, boxed_gravity.table, contacts, ready,
                 sleep_state,
             )  # fmt: skip
-    num_locked = _set_asleep(rows, ready, sleep_state, particles)
-    return num_woken, rows[ready], sleep_state[ready], num_locked
+    num_asleep, num_locked = _set_asleep(rows, ready, sleep_state, particles)
+    return num_woken, num_asleep, num_locked
 
 
 @helper(allocates=True)
@@ -127,12 +128,17 @@ def _may_hold_load(tool, ready, inside, tools, plate_contacts):  # type: ignore[
 
 @helper
 def _set_asleep(rows, falls_asleep, sleep_state, particles):  # type: ignore[no-untyped-def]
-    """Put `rows` into their sleep states, at rest; return how many were locked to a tool."""
-    num_locked = 0
+    """Put `rows` into their sleep states, at rest.
+
+    Returns:
+        Number of rows that fell asleep, and number of these that were locked to a tool.
+    """
+    num_asleep, num_locked = 0, 0
     for k in range(rows.size):
         if not falls_asleep[k]:
             continue
         i = rows[k]
+        num_asleep += 1
         particles.sleep_state[i] = sleep_state[k]
         is_locked = sleep_state[k] >= FIRST_LOCKED_TOOL
         num_locked += is_locked
@@ -140,4 +146,4 @@ def _set_asleep(rows, falls_asleep, sleep_state, particles):  # type: ignore[no-
             particles.angular_velocity[i, axis] = np.float32(0.0)
             if not is_locked:
                 particles.velocity[i, axis] = 0.0
-    return num_locked
+    return num_asleep, num_locked

@@ -19,7 +19,7 @@ __all__ = ["move_locked_loads"]
 
 @fixed_signature_kernel
 def move_locked_loads(  # type: ignore[no-untyped-def]
-    standard, locked_rows, tool_of_row, mass, boxed_particles, boxed_tools, boxed_gravity
+    standard, locked_rows, tool_of_row, boxed_particles, boxed_tools, boxed_gravity
 ):
     """Move locked particles to the end poses of their tools; add their weight and inertia to the
     wrenches.
@@ -27,8 +27,7 @@ def move_locked_loads(  # type: ignore[no-untyped-def]
     Args:
         standard: acceleration of gravity, downward [m/s^2].
         locked_rows, tool_of_row: locked rows, and the tool index of each.
-        mass: of all particles [kg].
-        boxed_particles: `SleepView`, boxed, as the tables below; the motion is updated.
+        boxed_particles: `ParticleColumns`, boxed, as the tables below; the motion is updated.
         boxed_tools: `ToolMotion` of a step that has begun; the wrenches are updated.
         boxed_gravity: `GravityInTools`.
     """
@@ -37,7 +36,7 @@ def move_locked_loads(  # type: ignore[no-untyped-def]
     substeps, num_tools = tools.path.shape[0] - 1, tools.path.shape[1]
     for t in range(num_tools):
         load, centre = _move_locked_load(
-            t, locked_rows, tool_of_row, tools.path[substeps, t], tools.twist[t], mass, particles
+            t, locked_rows, tool_of_row, tools.path[substeps, t], tools.twist[t], particles
         )
         if load == 0.0:
             continue
@@ -54,7 +53,7 @@ def move_locked_loads(  # type: ignore[no-untyped-def]
 
 
 @helper
-def _move_locked_load(tool, locked_rows, tool_of_row, pose, twist, mass, particles):  # type: ignore[no-untyped-def]
+def _move_locked_load(tool, locked_rows, tool_of_row, pose, twist, particles):  # type: ignore[no-untyped-def]
     """Move the particles that are locked to a tool to its pose.
 
     The wake reference of a locked particle is its position in the tool frame.
@@ -63,8 +62,7 @@ def _move_locked_load(tool, locked_rows, tool_of_row, pose, twist, mass, particl
         tool: index of the tool.
         locked_rows, tool_of_row: locked rows of all tools, and the tool index of each.
         pose, twist: packed pose and twist of the tool.
-        mass: of all particles [kg].
-        particles: `SleepView`; the motion is updated.
+        particles: `ParticleColumns`; the motion is updated.
 
     Returns:
         Mass of the load [kg], 0 if there is none, and its centre of mass relative to the origin of
@@ -85,7 +83,7 @@ def _move_locked_load(tool, locked_rows, tool_of_row, pose, twist, mass, particl
         particles.velocity[i, 2] = vz
         for axis in range(3):
             particles.angular_velocity[i, axis] = twist[ANGULAR + axis]
-        m = np.float64(mass[i])
+        m = np.float64(particles.mass[i])
         load += m
         moment_x += m * x
         moment_y += m * y

@@ -14,7 +14,6 @@ from machine_sim.dem.sleep.sleep_state import (
     AWAKE,
     MovingRows,
     SleepParams,
-    SleepView,
     locked_tool,
 )
 from machine_sim.dem.sleep.wake_conditions import WAKE_SPHERE_SIZE
@@ -87,7 +86,7 @@ class SleepManager:
         self._wake_spheres.clear()
         changed = ground.pop_changed_cells()
         num_woken, moving = wake_disturbed(
-            dt, self._params, state.boxed_view(SleepView), tools.boxed_motion, self._gravity.boxed,
+            dt, self._params, state.boxed, tools.boxed_motion, self._gravity.boxed,
             spheres, _NO_CHANGED_COLUMNS if changed is None else changed, ground.frame,
         )  # fmt: skip
         return num_woken, moving
@@ -103,8 +102,8 @@ class SleepManager:
             moving: rows of the step, of which one is locked at least.
         """
         move_locked_loads(
-            self._gravity.standard, moving.locked, moving.locked_tool, state.mass,
-            state.boxed_view(SleepView), tools.boxed_motion, self._gravity.boxed,
+            self._gravity.standard, moving.locked, moving.locked_tool, state.boxed,
+            tools.boxed_motion, self._gravity.boxed,
         )  # fmt: skip
 
     def update(
@@ -112,7 +111,6 @@ class SleepManager:
         state: ParticleState,
         tools: ToolSet,
         rows: NDArray[np.int64],
-        inside: NDArray[np.int64],
         contacts: StepContactTables,
         dt: float,
     ) -> tuple[int, int]:
@@ -122,29 +120,25 @@ class SleepManager:
             state: the particles.
             tools: before `ToolSet.end_step`.
             rows: rows that moved by forces.
-            inside: index of the tool in whose hull each of these is, `NO_TOOL` for none.
             contacts: contacts of the step.
             dt: [s].
 
         Returns:
             (number of particles that woke, number that fell asleep).
         """
-        num_woken, asleep, sleep_state, num_locked = update_sleep(
-            dt, self._params, rows, inside, state.boxed_view(SleepView), tools.boxed_motion,
-            self._gravity.boxed, *contacts,
-        )  # fmt: skip
+        num_woken, num_asleep, num_locked = update_sleep(
+            dt, self._params, rows, state.boxed, tools.boxed_motion, self._gravity.boxed, *contacts
+        )
         if num_locked:
-            self._set_locked_positions(state, tools, asleep, locked_tool(sleep_state))
-        return num_woken, asleep.size
+            self._set_locked_positions(state, tools, rows)
+        return num_woken, num_asleep
 
     @staticmethod
     def _set_locked_positions(
-        state: ParticleState,
-        tools: ToolSet,
-        rows: NDArray[np.int64],
-        tool_of_row: NDArray[np.int64],
+        state: ParticleState, tools: ToolSet, rows: NDArray[np.int64]
     ) -> None:
         """Set the wake references of `rows` that are locked to a tool: positions in its frame."""
+        tool_of_row = locked_tool(state.sleep_state[rows])
         for t in np.unique(tool_of_row[tool_of_row >= 0]):
             locked_rows = rows[tool_of_row == t]
             rotation, origin = tools.tools[t].end

@@ -1,4 +1,4 @@
-"""Sleep states of particles, and the columns of the state that the sleep kernels use."""
+"""Sleep states of particles, and the rows that move by them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ __all__ = [
     "FIRST_LOCKED_TOOL",
     "MovingRows",
     "SleepParams",
-    "SleepView",
     "is_loaded",
     "locked_state",
     "locked_tool",
@@ -41,34 +40,28 @@ def locked_state(tool: Any) -> Any:
     return tool + FIRST_LOCKED_TOOL
 
 
-class SleepView(NamedTuple):
-    """Columns of `ParticleState` that the sleep kernels read or write; see there for the units."""
-
-    position: NDArray[np.float64]
-    velocity: NDArray[np.float64]
-    angular_velocity: NDArray[np.float32]
-    radius: NDArray[np.float32]
-    contact_radius: NDArray[np.float32]
-    frozen: NDArray[np.bool_]
-    sleep_state: NDArray[np.int16]
-    sleep_timer: NDArray[np.float32]
-    wake_reference: NDArray[np.float64]
-
-
 class MovingRows(NamedTuple):
     """Rows that move in a step.
 
     Attributes:
-        free: rows that move by forces.
-        locked: rows that are locked to a tool.
+        all: rows that move by forces, then rows that are locked to a tool.
+        num_free: number of rows that move by forces.
         locked_tool: tool index of each locked row.
-        all: free rows, then locked ones.
     """
 
-    free: NDArray[np.int64]
-    locked: NDArray[np.int64]
-    locked_tool: NDArray[np.int64]
     all: NDArray[np.int64]
+    num_free: int
+    locked_tool: NDArray[np.int64]
+
+    @property
+    def free(self) -> NDArray[np.int64]:
+        """Rows that move by forces."""
+        return self.all[: self.num_free]
+
+    @property
+    def locked(self) -> NDArray[np.int64]:
+        """Rows that are locked to a tool."""
+        return self.all[self.num_free :]
 
 
 class SleepParams(NamedTuple):
@@ -99,7 +92,7 @@ def is_loaded(tool, sleep_state):  # type: ignore[no-untyped-def]
 
 @helper(forceinline=True)
 def wake(row, particles):  # type: ignore[no-untyped-def]
-    """Wake a particle of a `SleepView`; it keeps the velocity of its carrier."""
+    """Wake a particle of a `ParticleColumns`; it keeps the velocity of its carrier."""
     particles.sleep_state[row] = AWAKE
     particles.sleep_timer[row] = np.float32(0.0)
     for axis in range(3):
@@ -120,7 +113,4 @@ def select_moving_rows(sleep_state, frozen):  # type: ignore[no-untyped-def]
             rows[num_free + num_locked] = i
             tools[num_locked] = locked_tool(sleep_state[i])
             num_locked += 1
-    num_moving = num_free + num_locked
-    return MovingRows(
-        rows[:num_free], rows[num_free:num_moving], tools[:num_locked], rows[:num_moving]
-    )
+    return MovingRows(rows[: num_free + num_locked], num_free, tools[:num_locked])

@@ -22,7 +22,7 @@ def update_sleep_timers(  # type: ignore[no-untyped-def]
     Args:
         rows: awake rows.
         inside: tool index of each of `rows`, `NO_TOOL` for none.
-        view: `SleepView`; the timers are updated.
+        view: `ParticleColumns`; the timers are updated.
         pose, twist: packed poses at the end of the step, and twists, of the tools.
         sleep_speed: [m/s].
         sleep_time: how long a particle must be slow [s].

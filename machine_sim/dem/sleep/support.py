@@ -33,7 +33,7 @@ def trace_support(tool, rows, sleep_ready, view, contacts, tools, on_tool, on_ot
         tool: index of the tool.
         rows: awake rows.
         sleep_ready: which of `rows` may fall asleep.
-        view: `SleepView`.
+        view: `ParticleColumns`.
         contacts: `StepContacts`.
         tools: `ToolMotion` at the end of the step.
         on_tool, on_other: out, marks of `rows`; a particle can have both.

@@ -59,7 +59,7 @@ def wake_touching(rows, pair_contacts, view, speed):  # type: ignore[no-untyped-
     Args:
         rows: rows that moved in the step that ends.
         pair_contacts: `PairContactBlocks`.
-        view: `SleepView`; sleep state, sleep timer and wake reference are updated.
+        view: `ParticleColumns`; sleep state, sleep timer and wake reference are updated.
         speed: [m/s].
 
     Returns:
@@ -110,7 +110,7 @@ def wake_in_spheres(rows, view, spheres, woken):  # type: ignore[no-untyped-def]
 
     Args:
         rows: sleeping rows.
-        view: `SleepView`.
+        view: `ParticleColumns`.
         spheres: map frame [m], shape (n, WAKE_SPHERE_SIZE).
         woken: marks of `rows`, updated.
     """
@@ -152,7 +152,7 @@ def wake_on_changed_ground(rows, view, changed, ground, woken):  # type: ignore[
 
     Args:
         rows: sleeping rows.
-        view: `SleepView`.
+        view: `ParticleColumns`.
         changed: which columns changed, shape (rows, cols).
         ground: `Ground.frame`.
         woken: marks of `rows`, updated.
@@ -181,7 +181,7 @@ def wake_near_moving_tools(dt, rows, view, is_moving, tools, woken, wake_load): 
     Args:
         dt: [s].
         rows: sleeping rows.
-        view: `SleepView`.
+        view: `ParticleColumns`.
         is_moving: which tools move, shape (tools,).
         tools: `ToolMotion` of the step that begins.
         woken: marks of `rows`, updated.
@@ -244,7 +244,7 @@ def load_approaches_soil(dt, tool, tools, rows, view, woken):  # type: ignore[no
         tool: index of the tool.
         tools: `ToolMotion` of the step that begins.
         rows: sleeping rows.
-        view: `SleepView`.
+        view: `ParticleColumns`.
         woken: marks of `rows`, updated.
 
     Returns:

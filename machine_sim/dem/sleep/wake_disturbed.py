@@ -33,7 +33,7 @@ def wake_disturbed(  # type: ignore[no-untyped-def]
     Args:
         dt: length of the step [s].
         boxed_params: `SleepParams`, boxed, as the tables below.
-        boxed_particles: `SleepView`; particles that wake keep the velocity of their carrier.
+        boxed_particles: `ParticleColumns`; particles that wake keep the velocity of their carrier.
         boxed_tools: `ToolMotion` of the step, which has begun.
         boxed_gravity: `GravityInTools`, updated.
         spheres: particles that reach into these wake [m], map frame, shape (n, WAKE_SPHERE_SIZE).

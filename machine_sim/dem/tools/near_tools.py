@@ -62,7 +62,7 @@ def select_near_tools(dt, rows, particles, tools, margin):  # type: ignore[no-un
     Args:
         dt: length of the step [s].
         rows: the particles.
-        particles: `StepParticles`.
+        particles: `ParticleColumns`.
         tools: `ToolMotion`.
         margin: distance from the bounding sphere of a tool [m].
 
@@ -128,7 +128,7 @@ def _mark_near_tool(dt, pose, twist, sphere, positions, reach, is_near):  # type
 
 
 @helper(allocates=True)
-def classify_near_tools(near_tools, num_rows, tools, margin):  # type: ignore[no-untyped-def]
+def classify_near_tools(near_tools, tools, margin, inside):  # type: ignore[no-untyped-def]
     """Find the tool that each of some particles is in, and what it means for ground contact.
 
     The plates of a digging tool keep the terrain away from what is in the tool: a bucket half in
@@ -137,18 +137,18 @@ def classify_near_tools(near_tools, num_rows, tools, margin):  # type: ignore[no
 
     Args:
         near_tools: `NearTools`.
-        num_rows: number of particles that were searched.
         tools: `ToolMotion`.
         margin: distance from the bounding sphere of a digging tool that counts as near [m].
+        inside: out, index of the tool in whose hull each particle that was searched is, `NO_TOOL`
+            for none.
 
     Returns:
-        (inside, ground_masked, near), shape (rows,) each: index of the tool in whose hull the
-        particle is, `NO_TOOL` for none; whether that tool digs; and whether the particle is near a
-        tool that digs.
+        (ground_masked, near), shape (rows,) each: whether that tool digs, and whether the particle
+        is near a tool that digs.
     """
     hull, first_plane, is_digging = tools.hull, tools.first_plane, tools.is_digging
-    inside = np.full(num_rows, NO_TOOL, np.int64)
-    ground_masked, near = np.zeros(num_rows, np.bool_), np.zeros(num_rows, np.bool_)
+    inside[:] = NO_TOOL
+    ground_masked, near = np.zeros(inside.size, np.bool_), np.zeros(inside.size, np.bool_)
     all_within = np.empty(near_tools.number.size, np.bool_)
     for t in range(first_plane.size - 1):
         low, high = near_tools.first[t], near_tools.first[t + 1]
@@ -175,7 +175,7 @@ def classify_near_tools(near_tools, num_rows, tools, margin):  # type: ignore[no
             n = number[k]
             if within[k] and inside[n] == NO_TOOL:
                 inside[n], ground_masked[n] = t, is_digging[t]
-    return inside, ground_masked, near
+    return ground_masked, near
 
 
 @helper(forceinline=True)

@@ -164,7 +164,7 @@ def _pose_error(rotation, position):  # type: ignore[no-untyped-def]
     return 0 if max_error < _ROTATION_TOLERANCE else _NOT_A_ROTATION
 
 
-@kernel
+@helper(allocates=True)
 def interpolate_poses(start, end, dt, path, twist):  # type: ignore[no-untyped-def]
     """Interpolate from `start` to `end` at constant velocity and angular velocity.
 

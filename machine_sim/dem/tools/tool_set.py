@@ -16,7 +16,7 @@ from machine_sim.dem.tools.pose import (
     interpolate_poses,
 )
 from machine_sim.dem.tools.rigid_tool import RigidTool
-from msg_bridge.kernels import BoxedTable, box_table
+from msg_bridge.kernels import BoxedTable, box_table, fixed_signature_kernel
 
 __all__ = [
     "NO_TOOL",
@@ -48,6 +48,7 @@ class ToolMotion(NamedTuple):
     hull: NDArray[np.float64]
     first_plane: NDArray[np.int64]
     is_digging: NDArray[np.bool_]
+    poses: NDArray[np.float64]
     path: NDArray[np.float64]
     twist: NDArray[np.float64]
     wrench: NDArray[np.float64]
@@ -68,6 +69,7 @@ class ToolSet:
         is_digging: which tools enter the ground, shape (tools,).
         sphere: bounding spheres, tool frame, shape (tools, 4), slots `SPHERE_CENTRE` and
             `SPHERE_RADIUS`.
+        poses: packed poses at the start and at the end of a step, shape (2, tools, 12).
         path: packed poses before each substep and after the last, shape (substeps + 1, tools, 12).
         twist: packed twists in the step, shape (tools, 6).
         wrench: packed wrenches on the tools, shape (tools, 6). During a step their sum over the
@@ -132,19 +134,17 @@ class ToolSet:
         """Interpolate the poses of a step of `dt` [s], and clear the wrenches."""
         if not self.tools:
             return
-        interpolate_poses(*self._poses, dt, self.path, self.twist)
-        self.wrench[:] = 0.0
+        _begin_step(dt, self.boxed_motion)
 
     @property
     def end_poses(self) -> NDArray[np.float64]:
         """Packed end poses of all tools, shape (tools, POSE_SIZE)."""
-        end: NDArray[np.float64] = self._poses[1]
+        end: NDArray[np.float64] = self.poses[1]
         return end
 
     def end_step(self) -> None:
         """Leave the tools at their end poses until they are moved again."""
-        self.wrench /= self.substeps
-        self._poses[0] = self._poses[1]
+        _end_step(self.boxed_motion)
 
     def _rebuild_arrays(self) -> None:
         count = len(self.tools)
@@ -159,15 +159,34 @@ class ToolSet:
         num_planes = [len(hull) for hull in hulls]
         self.first_plane = np.concatenate([[0], np.cumsum(num_planes)]).astype(np.int64)
         self.is_digging = np.array([tool.is_digging for tool in self.tools], dtype=np.bool_)
-        self._poses = np.zeros((2, count, POSE_SIZE))  # at the start and at the end of a step
+        self.poses = np.zeros((2, count, POSE_SIZE))
         for t, tool in enumerate(self.tools):
-            self._poses[:, t] = tool.records
-            tool.records = self._poses[:, t]
+            self.poses[:, t] = tool.records
+            tool.records = self.poses[:, t]
         self.path = np.zeros((self.substeps + 1, count, POSE_SIZE))
         self.twist = np.zeros((count, TWIST_SIZE))
         self.wrench = np.zeros((count, TWIST_SIZE))
         self.motion = ToolMotion(
             self.plates, self.tool_of_plate, self.first_plate, self.sphere, self.hull,
-            self.first_plane, self.is_digging, self.path, self.twist, self.wrench,
+            self.first_plane, self.is_digging, self.poses, self.path, self.twist, self.wrench,
         )  # fmt: skip
         self.boxed_motion: BoxedTable = box_table(self.motion)
+
+
+@fixed_signature_kernel
+def _begin_step(dt, boxed_tools):  # type: ignore[no-untyped-def]
+    """Interpolate the poses of a step of `dt` [s], and clear the wrenches, of a `ToolMotion`."""
+    tools = boxed_tools.table
+    interpolate_poses(tools.poses[0], tools.poses[1], dt, tools.path, tools.twist)
+    tools.wrench[:] = 0.0
+
+
+@fixed_signature_kernel
+def _end_step(boxed_tools):  # type: ignore[no-untyped-def]
+    """Divide the wrenches by the number of substeps; the end poses become the start poses."""
+    tools = boxed_tools.table
+    num_substeps = tools.path.shape[0] - 1
+    for t in range(tools.twist.shape[0]):
+        for k in range(TWIST_SIZE):
+            tools.wrench[t, k] /= num_substeps
+    tools.poses[0] = tools.poses[1]

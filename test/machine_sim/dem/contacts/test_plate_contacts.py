@@ -20,6 +20,7 @@ from machine_sim.dem.body_records import (
 from machine_sim.dem.contacts.contact_law import contact_parameters
 from machine_sim.dem.contacts.plate_block import BLOCK_SIZE
 from machine_sim.dem.contacts.plate_contact_list import (
+    PlateCandidates,
     PlateContactList,
     list_plate_contacts,
 )
@@ -31,7 +32,6 @@ from machine_sim.dem.contacts.plate_contacts import (
 from machine_sim.dem.contacts.plate_forces import plate_forces
 from machine_sim.dem.contacts.tunnelling import count_tunnelled
 from machine_sim.dem.lifecycle.settling import distance_to_plates
-from machine_sim.dem.step_particles import StepParticles
 from machine_sim.dem.tools.near_tools import SEARCH_RADIUS_FACTOR, select_near_tools
 from machine_sim.dem.tools.pose import ANGULAR, ORIGIN
 
@@ -82,7 +82,7 @@ def scene(seed: int) -> ParticleEngine:
 def list_contacts(world: ParticleEngine) -> PlateContactList:
     rows = np.arange(world.count)
     plate_list, tools = PlateContactList(), world.tools
-    particles = world.state.view(StepParticles)
+    particles = world.state.columns
     near_tools = select_near_tools(STEP, rows, particles, tools.motion, 0.0)
     is_listed = False
     while not is_listed:
@@ -90,7 +90,7 @@ def list_contacts(world: ParticleEngine) -> PlateContactList:
             STEP, rows, near_tools, particles, tools.motion, plate_list.table.arrays,
             plate_list.next_table(world.count).arrays,
         )  # fmt: skip
-        is_listed = plate_list.accept(count)
+        is_listed = plate_list.accept(count, has_tools=True)
     return plate_list
 
 
@@ -219,9 +219,10 @@ def test_forces_are_those_of_the_direct_computation(seed: int) -> None:
     contacts = PlateContacts()
     contacts.reserve(table, len(tools.tool_of_plate))
     slot = contacts.memory.slot
+    listed = PlateCandidates(table.row[: table.count], table.plate[: table.count])
     blocks = fill_plate_blocks(
-        table.candidates, table.spring, table.side, state.view(StepParticles), tools.motion, body,
-        force_sums, contacts.memory.blocks, slot,
+        listed, table.spring, table.side, state.columns, tools.motion, body, force_sums,
+        contacts.memory.blocks, slot,
     )  # fmt: skip
     # During a step: particles and tools have moved since its start.
     step = seed % (tools.substeps + 1)
@@ -282,6 +283,6 @@ def test_path_of_any_length_through_a_plate_is_counted(seed: int) -> None:
     offsets = np.where(np.arange(50) % 2, 10.0 ** rng.uniform(-1.2, 1, 50), -0.01)
     world.state.position -= offsets[:, None] * rotation_matrix[:, 2]
     counted = count_tunnelled(
-        np.arange(50), before, world.state.view(StepParticles), world.tools.motion, table.arrays
+        np.arange(50), before, world.state.columns, world.tools.motion, table.arrays
     )
     assert counted == np.count_nonzero(offsets > 0.03)

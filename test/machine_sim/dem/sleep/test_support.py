@@ -11,7 +11,6 @@ from machine_sim.dem.contacts.ground_contacts import GroundContacts
 from machine_sim.dem.contacts.pair_contacts import PairContactBlocks
 from machine_sim.dem.contacts.plate_contact_list import PlateCandidates
 from machine_sim.dem.contacts.step_contacts import StepContacts
-from machine_sim.dem.sleep.sleep_state import SleepView
 from machine_sim.dem.sleep.support import trace_support
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools import RigidTool, ToolSet
@@ -44,7 +43,7 @@ def supported_rows(
     )  # fmt: skip
     on_tool, on_other = np.zeros(COUNT, np.bool_), np.zeros(COUNT, np.bool_)
     trace_support(
-        0, np.arange(COUNT), np.isin(ALL, sleep_ready), state.view(SleepView), contacts,
+        0, np.arange(COUNT), np.isin(ALL, sleep_ready), state.columns, contacts,
         tools.motion, on_tool, on_other,
     )  # fmt: skip
     return np.flatnonzero(on_tool).tolist(), np.flatnonzero(on_other).tolist()
