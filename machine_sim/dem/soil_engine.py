@@ -19,6 +19,7 @@ from machine_sim.dem.tools.pose import ANGULAR, Pose
 from machine_sim.dem.tools.tool_set import ToolSet
 from machine_sim.ground.contact_surface import Ground
 from msg_bridge.contract.loose_soil import LooseSoil
+from msg_bridge.kernels import BoxedTable
 
 __all__ = ["ContactCoefficients", "SoilEngine", "read_only"]
 
@@ -247,6 +248,11 @@ class SoilEngine(ABC):
         """Free external resources; the engine cannot be used afterwards."""
 
     # The bodies, one row each.
+
+    @property
+    def boxed_columns(self) -> BoxedTable:
+        """`ParticleColumns` of all bodies, boxed, for kernels that read them."""
+        return self.state.boxed
 
     def rows_of(self, ids: ArrayLike) -> NDArray[np.intp]:
         """Return the rows of some bodies in the arrays below.

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem import Pose, SoilEngine
+from machine_sim.machine.tools.open_container import is_in_heap, local_point
 from machine_sim.machine.tools.shapes import ContainerShape
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import fixed_signature_kernel, kernel
 
 __all__ = ["EMPTY_PAYLOAD", "Payload", "loose_volume", "measure_payload"]
 
@@ -45,34 +46,50 @@ def measure_payload(shape: ContainerShape, particles: SoilEngine, pose: Pose) ->
     """
     if particles.count == 0:
         return EMPTY_PAYLOAD
-    inside = shape.indices_in_heap(particles.positions, *pose)
-    if inside.size == 0:
+    bank_mm3, loose_mm3, mass_kg = _sum_inside(
+        shape.boxed, *pose, particles.boxed_columns, particles.swells
+    )
+    if bank_mm3 == 0:
         return EMPTY_PAYLOAD
-    bank_mm3, loose_mm3, mass_kg = _sum_rows(particles, inside)
     loose_m3 = 1e-9 * loose_mm3
     return Payload(1e-9 * bank_mm3, loose_m3, mass_kg, loose_m3 / shape.heaped_capacity)
 
 
 def loose_volume(particles: SoilEngine, rows: NDArray[np.intp]) -> float:
     """Return the loose volume of some rows of particles [m^3]."""
-    _, loose_mm3, _ = _sum_rows(particles, rows)
+    loose_mm3: float = _sum_loose(rows, particles.volumes_mm3, particles.soil, particles.swells)
     return 1e-9 * loose_mm3
 
 
-def _sum_rows(particles: SoilEngine, rows: NDArray[np.intp]) -> tuple[int, float, float]:
-    """Return bank volume [mm^3], loose volume [mm^3] and mass [kg] of some rows of particles."""
-    sums: tuple[int, float, float] = _sum(
-        rows, particles.volumes_mm3, particles.soil, particles.masses, particles.swells
-    )
-    return sums
+@fixed_signature_kernel
+def _sum_inside(boxed_container, rotation, origin, boxed_particles, swells):  # type: ignore[no-untyped-def]
+    """Sum up the particles in the struck volume of a container or in its heap.
+
+    Args:
+        boxed_container: `ContainerTable`, boxed.
+        rotation, origin: its pose.
+        boxed_particles: `ParticleColumns`, boxed.
+        swells: swell of each soil.
+
+    Returns:
+        Bank volume [mm^3], loose volume [mm^3] and mass [kg].
+    """
+    container, particles = boxed_container.table, boxed_particles.table
+    position, volume_mm3, mass = particles.position, particles.volume_mm3, particles.mass
+    bank, loose, kilograms = 0, 0.0, 0.0
+    for i in range(len(position)):
+        is_near, x, z = local_point(position, i, container, rotation, origin)
+        if is_near and is_in_heap(x, z, container):
+            bank += volume_mm3[i]
+            loose += volume_mm3[i] * (1.0 + swells[particles.soil[i]])
+            kilograms += mass[i]
+    return bank, loose, kilograms
 
 
 @kernel
-def _sum(rows, volume_mm3, soil, mass, swells):  # type: ignore[no-untyped-def]
-    """Return the sums of `_sum_rows` from columns of all particles, and the swell of each soil."""
-    bank, loose, kilograms = 0, 0.0, 0.0
+def _sum_loose(rows, volume_mm3, soil, swells):  # type: ignore[no-untyped-def]
+    """Return the loose volume of `loose_volume` [mm^3] from columns of all particles."""
+    loose = 0.0
     for i in rows:
-        bank += volume_mm3[i]
         loose += volume_mm3[i] * (1.0 + swells[soil[i]])
-        kilograms += mass[i]
-    return bank, loose, kilograms
+    return loose

@@ -20,8 +20,8 @@ from machine_sim.dem import Pose, SoilEngine
 from machine_sim.ground import surface_at
 from machine_sim.machine.tools.open_container import (
     OpenContainer,
-    Opening,
     is_in_struck_volume,
+    local_point,
 )
 from msg_bridge.kernels import fixed_signature_kernel, helper
 
@@ -52,43 +52,52 @@ def room_below_level(shape: OpenContainer, particles: SoilEngine, pose: Pose) ->
         particles: the particle engine, with the ground.
         pose: rotation bucket to map, shape (3, 3), and origin [m], shape (3,).
     """
+    ground = particles.ground
     room: float = _room_below_level(
-        shape.profile,
-        shape.width,
-        shape.opening,
-        (*shape.half_planes, 0.5 * shape.width, shape.bounding_radius),
+        shape.boxed,
         *pose,
-        particles.ground.elevation,
-        particles.ground.frame,
-        (particles.positions, particles.volumes_mm3, particles.soil, particles.swells),
+        ground.elevation,
+        ground.frame,
+        particles.boxed_columns,
+        particles.swells,
     )
     return room
 
 
 @fixed_signature_kernel
 def _room_below_level(  # type: ignore[no-untyped-def]
-    profile, width, opening, inside, rotation, origin, elevation, frame, soil
+    boxed_container, rotation, origin, elevation, frame, boxed_particles, swells
 ):
-    """Return the room of `room_below_level`; arguments as of the two volumes it compares."""
-    volume = _volume_below_level(profile, width, opening, rotation, origin, elevation, frame)
+    """Return the room of `room_below_level`.
+
+    Args:
+        boxed_container: `ContainerTable`, boxed.
+        rotation, origin: pose of the bucket.
+        elevation, frame: of `Ground`.
+        boxed_particles: `ParticleColumns`, boxed.
+        swells: swell of each soil.
+    """
+    container = boxed_container.table
+    volume = _volume_below_level(container, rotation, origin, elevation, frame)
     if volume == 0.0 or volume == math.inf:
         return volume
-    return volume - _loose_volume_inside(inside, rotation, origin, soil)
+    particles = boxed_particles.table
+    return volume - _loose_volume_inside(container, rotation, origin, particles, swells)
 
 
 @helper(allocates=True)
-def _volume_below_level(profile, width, opening, rotation, origin, elevation, frame):  # type: ignore[no-untyped-def]
+def _volume_below_level(container, rotation, origin, elevation, frame):  # type: ignore[no-untyped-def]
     """Return the volume in and on a bucket below the level of the soil ahead [m^3].
 
     Args:
-        profile, width, opening: of the bucket.
+        container: `ContainerTable` of the bucket.
         rotation, origin: its pose.
         elevation, frame: of `Ground`.
 
     Returns:
         The volume; infinite if the opening has no direction.
     """
-    opening = Opening(*opening)
+    profile, width, opening = container.profile, container.width, container.opening
     lip_x, lip_z, out_x, out_z = opening.lip_x, opening.lip_z, opening.out_x, opening.out_z
     # Halfway between out of the opening and toward the lip: horizontal at work in any position.
     ahead_x, ahead_z = out_x - opening.along_x, out_z - opening.along_z
@@ -161,26 +170,18 @@ def _area_below(polygon, up_x, up_z, level):  # type: ignore[no-untyped-def]
 
 
 @helper
-def _loose_volume_inside(inside, rotation, origin, soil):  # type: ignore[no-untyped-def]
+def _loose_volume_inside(container, rotation, origin, particles, swells):  # type: ignore[no-untyped-def]
     """Return the loose volume of the particles below the opening of a bucket [m^3].
 
     Args:
-        inside: normals and offsets of its `HalfPlanes`, half its width, and the radius of a sphere
-            about its origin that contains it [m].
+        container: `ContainerTable` of the bucket.
         rotation, origin: its pose.
-        soil: positions [m], volumes [mm^3] and soil ids of all particles, and swell of each soil.
+        particles: `ParticleColumns`.
+        swells: swell of each soil.
     """
-    normals, offsets, half_width, radius = inside
-    positions, volumes_mm3, soil_ids, swells = soil
-    volume = 0.0
-    for n in range(len(positions)):
-        a, b = positions[n, 0] - origin[0], positions[n, 1] - origin[1]
-        c = positions[n, 2] - origin[2]
-        if a * a + b * b + c * c > radius * radius:
-            continue
-        y = a * rotation[0, 1] + b * rotation[1, 1] + c * rotation[2, 1]
-        x = a * rotation[0, 0] + b * rotation[1, 0] + c * rotation[2, 0]
-        z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]
-        if abs(y) <= half_width and is_in_struck_volume(x, z, normals, offsets):
-            volume += 1e-9 * volumes_mm3[n] * (1.0 + swells[soil_ids[n]])
+    position, volume = particles.position, 0.0
+    for i in range(len(position)):
+        is_near, x, z = local_point(position, i, container, rotation, origin)
+        if is_near and is_in_struck_volume(x, z, container):
+            volume += 1e-9 * particles.volume_mm3[i] * (1.0 + swells[particles.soil[i]])
     return volume

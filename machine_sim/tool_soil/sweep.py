@@ -28,7 +28,7 @@ from msg_bridge.contract.rows import (
     copy_rows,
     empty_rows,
 )
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper
 
 __all__ = ["DrumSweep", "PlateSweep", "TrackSweep"]
 
@@ -198,7 +198,7 @@ class TrackSweep:
         return strip.copy()
 
 
-@kernel
+@fixed_signature_kernel
 def _move_points(  # type: ignore[no-untyped-def]
     points, rotation, origin, end_rotation, end_origin, segments, displacements
 ):
@@ -225,7 +225,7 @@ def _move_points(  # type: ignore[no-untyped-def]
     return max_displacement
 
 
-@kernel
+@fixed_signature_kernel
 def _sweep_plates(  # type: ignore[no-untyped-def]
     points, normals, rotation, origin, end_rotation, end_origin, segments, displacements, action
 ):

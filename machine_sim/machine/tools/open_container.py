@@ -16,9 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.box import Box
 from machine_sim.machine.errors import MachineError
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import BoxedTable, box_table, helper
 
-__all__ = ["HalfPlanes", "OpenContainer", "Opening", "is_in_struck_volume"]
+__all__ = [
+    "ContainerTable",
+    "HalfPlanes",
+    "OpenContainer",
+    "Opening",
+    "is_in_heap",
+    "is_in_struck_volume",
+    "local_point",
+]
 
 Array = NDArray[np.float64]
 
@@ -60,6 +68,20 @@ class HalfPlanes(NamedTuple):
 
     normals: Array
     offsets: Array
+
+
+class ContainerTable(NamedTuple):
+    """Shape of a container, for kernels.
+
+    Attributes:
+        profile, width, opening, half_planes, bounding_radius: see `OpenContainer`.
+    """
+
+    profile: Array
+    width: float
+    opening: Opening
+    half_planes: HalfPlanes
+    bounding_radius: float
 
 
 class OpenContainer:
@@ -197,34 +219,23 @@ class OpenContainer:
         inside = (points[:, [0, 2]] @ normals.T <= offsets + 1e-12).all(axis=1)
         return np.asarray(inside & (np.abs(points[:, 1]) <= 0.5 * self.width), dtype=np.bool_)
 
-    def indices_in_heap(self, points: Array, rotation: Array, origin: Array) -> NDArray[np.intp]:
-        """Return the rows of the points in the struck volume or in the heap, in ascending order.
-
-        The heap is a prism on the opening, as high as the ridge of a 1:1 heap: half the shorter
-        side of the opening.
-
-        Args:
-            points: points [m], map frame, shape (n, 3), float64.
-            rotation, origin: pose of the container's frame in the map frame, shapes (3, 3) and
-                (3,).
-        """
-        normals, offsets = self.half_planes
-        rows: NDArray[np.intp] = _indices_in_heap(
-            points,
-            rotation,
-            origin,
-            normals,
-            offsets,
-            self.opening,
-            0.5 * self.width,
-            self.bounding_radius,
+    @cached_property
+    def boxed(self) -> BoxedTable:
+        """`ContainerTable`, boxed, for kernels."""
+        return box_table(
+            ContainerTable(
+                self.profile,
+                float(self.width),
+                self.opening,
+                self.half_planes,
+                self.bounding_radius,
+            )
         )
-        return rows
 
     @cached_property
     def bounding_radius(self) -> float:
         """Radius of a sphere about the frame's origin around the container and its heap [m]."""
-        heap_height = Opening(*self.opening).heap_height
+        heap_height = self.opening.heap_height
         corners = np.vstack(
             [self.profile, self.profile + heap_height * self.opening_normal[[0, 2]]]
         )
@@ -232,22 +243,22 @@ class OpenContainer:
         return math.hypot(reach, 0.5 * self.width) + _BOUNDING_MARGIN
 
     @cached_property
-    def opening(self) -> tuple[float, ...]:
-        """`Opening` as a plain tuple, whose type Numba resolves faster than a named one's."""
+    def opening(self) -> Opening:
+        """The opening, and the heap on it: a prism as high as the ridge of a 1:1 heap, half the
+        shorter side of the opening.
+        """
         length = self.opening_length
         (lip_x, lip_z), (rim_x, rim_z) = self.profile[[0, -1]].tolist()
         out_x, _, out_z = self.opening_normal.tolist()
-        return tuple(
-            Opening(
-                lip_x=lip_x,
-                lip_z=lip_z,
-                along_x=(rim_x - lip_x) / length,
-                along_z=(rim_z - lip_z) / length,
-                out_x=out_x,
-                out_z=out_z,
-                length=length,
-                heap_height=0.5 * min(length, self.width),
-            )
+        return Opening(
+            lip_x=lip_x,
+            lip_z=lip_z,
+            along_x=(rim_x - lip_x) / length,
+            along_z=(rim_z - lip_z) / length,
+            out_x=out_x,
+            out_z=out_z,
+            length=length,
+            heap_height=0.5 * min(length, float(self.width)),
         )
 
     @cached_property
@@ -264,42 +275,55 @@ class OpenContainer:
         return np.column_stack([self.profile[:, 0], y, self.profile[:, 1]])
 
 
-@kernel
-def _indices_in_heap(  # type: ignore[no-untyped-def]
-    points, rotation, origin, normals, offsets, opening, half_width, bounding_radius
-):
-    """Return the rows of `OpenContainer.indices_in_heap`."""
-    max_square = bounding_radius * bounding_radius
-    opening = Opening(*opening)
-    rows = np.empty(len(points), dtype=np.intp)
-    count = 0
-    for i in range(len(points)):
-        a, b, c = points[i, 0] - origin[0], points[i, 1] - origin[1], points[i, 2] - origin[2]
-        if a * a + b * b + c * c > max_square:
-            continue
-        x = a * rotation[0, 0] + b * rotation[1, 0] + c * rotation[2, 0]
-        y = a * rotation[0, 1] + b * rotation[1, 1] + c * rotation[2, 1]
-        z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]
-        if not abs(y) <= half_width:
-            continue
-        dx, dz = x - opening.lip_x, z - opening.lip_z
-        along = dx * opening.along_x + dz * opening.along_z
-        above = dx * opening.out_x + dz * opening.out_z
-        is_inside = 0.0 <= along <= opening.length and 0.0 <= above <= opening.heap_height
-        if is_inside or is_in_struck_volume(x, z, normals, offsets):
-            rows[count] = i
-            count += 1
-    return rows[:count].copy()
+@helper
+def local_point(position, i, container, rotation, origin):  # type: ignore[no-untyped-def]
+    """Return whether a point can be in a container or its heap, and where it is in its frame [m].
+
+    Args:
+        position: points [m], map frame, shape (n, 3).
+        i: row of the point.
+        container: `ContainerTable`.
+        rotation, origin: pose of the container, shapes (3, 3) and (3,).
+
+    Returns:
+        (whether it is between the sides and within the bounding sphere; x and z in the side view).
+    """
+    a, b = position[i, 0] - origin[0], position[i, 1] - origin[1]
+    c = position[i, 2] - origin[2]
+    if a * a + b * b + c * c > container.bounding_radius * container.bounding_radius:
+        return False, 0.0, 0.0
+    x = a * rotation[0, 0] + b * rotation[1, 0] + c * rotation[2, 0]
+    y = a * rotation[0, 1] + b * rotation[1, 1] + c * rotation[2, 1]
+    z = a * rotation[0, 2] + b * rotation[1, 2] + c * rotation[2, 2]
+    return abs(y) <= 0.5 * container.width, x, z
 
 
 @helper
-def is_in_struck_volume(x, z, normals, offsets):  # type: ignore[no-untyped-def]
+def is_in_heap(x, z, container):  # type: ignore[no-untyped-def]
+    """Return whether a point between the sides is in the struck volume or in the heap.
+
+    Args:
+        x, z: the point in the side view [m].
+        container: `ContainerTable`.
+    """
+    opening = container.opening
+    dx, dz = x - opening.lip_x, z - opening.lip_z
+    along = dx * opening.along_x + dz * opening.along_z
+    above = dx * opening.out_x + dz * opening.out_z
+    if 0.0 <= along <= opening.length and 0.0 <= above <= opening.heap_height:
+        return True
+    return is_in_struck_volume(x, z, container)
+
+
+@helper
+def is_in_struck_volume(x, z, container):  # type: ignore[no-untyped-def]
     """Return whether a point between the sides is in the struck volume.
 
     Args:
         x, z: the point in the side view [m].
-        normals, offsets: `HalfPlanes` of the container.
+        container: `ContainerTable`.
     """
+    normals, offsets = container.half_planes.normals, container.half_planes.offsets
     is_inside = True
     for k in range(len(offsets)):
         is_inside &= normals[k, 0] * x + normals[k, 1] * z <= offsets[k] + 1e-12

@@ -15,6 +15,7 @@ from machine_sim.machine.tools.bed import BedShape
 from machine_sim.machine.tools.blade import BladeShape
 from machine_sim.machine.tools.bucket import BucketShape
 from machine_sim.machine.tools.drum import DrumShape
+from msg_bridge.kernels import BoxedTable
 
 if TYPE_CHECKING:
     from machine_sim.machine.box import Box
@@ -99,8 +100,9 @@ class ContainerShape(ToolShape, Protocol):
         """Struck volume and heap [m^3]."""
         ...
 
-    def indices_in_heap(self, points: Array, rotation: Array, origin: Array) -> NDArray[np.intp]:
-        """Return the rows of the points [m], map frame, shape (n, 3), that lie inside or heaped."""
+    @property
+    def boxed(self) -> BoxedTable:
+        """`open_container.ContainerTable`, boxed, for kernels."""
         ...
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from support.containers import rows_in_heap
 
 from machine_sim.machine import BucketShape, MachineError
 from machine_sim.machine.rotations import rotation_about_z
@@ -49,15 +50,13 @@ def test_contains_agrees_with_half_planes_and_struck_capacity(bucket, inside):
 
 def test_heap_is_a_prism_over_the_opening(bucket, inside):
     points, within = inside
-    identity = (np.eye(3), np.zeros(3))
-    assert set(bucket.indices_in_heap(points, *identity)) >= set(np.flatnonzero(within))
+    assert set(rows_in_heap(bucket, points)) >= set(np.flatnonzero(within))
     middle = 0.5 * (bucket.profile[0] + bucket.profile[-1])
     over = np.array([middle[0], 0.0, middle[1]]) + np.outer([0.59, 0.61], bucket.opening_normal)
-    np.testing.assert_array_equal(bucket.indices_in_heap(over, *identity), [0])
+    assert rows_in_heap(bucket, over) == [0]
     assert not bucket.contains(over).any()
     rotation, origin = rotation_about_z(0.7), np.array([3.0, -4.0, 1.0])
-    moved = bucket.indices_in_heap(over @ rotation.T + origin, rotation, origin)
-    np.testing.assert_array_equal(moved, [0])
+    assert rows_in_heap(bucket, over @ rotation.T + origin, (rotation, origin)) == [0]
 
 
 def test_plates_close_the_shell(bucket):
