@@ -93,7 +93,7 @@ class SimulatedMachine:
         )
         self._last_base_frame = self.machine.base_frame
         self._grid = ground.grid
-        self._efforts: list[NDArray[np.float64]] = []  # see `_drive_efforts`, by physics step
+        self._efforts: list[list[float]] = []  # `drive_efforts` of each physics step of a tick
 
     def continue_from(self, other: SimulatedMachine) -> None:
         """Take pose, motion and pending soil of a machine that may have another specification.
@@ -167,14 +167,9 @@ class SimulatedMachine:
     def _mean_efforts(self) -> NDArray[np.float64]:
         # The torque of a drum in soil can alternate between the steps of a tick: the power from
         # the last steps alone would be wrong by 10 %.
-        efforts = np.array(self._efforts or [self._drive_efforts])
+        efforts = np.array(self._efforts or [self.machine.drive_efforts])
         mean: NDArray[np.float64] = efforts.mean(axis=0)
         return mean
-
-    @property
-    def _drive_efforts(self) -> NDArray[np.float64]:
-        """Torques of the joints [N m], then forces of the tracks' drives [N], in the last step."""
-        return np.concatenate([self.machine.joint_efforts, self.machine.tracks.drive_forces])
 
     def begin_tick(self, tick: int) -> None:
         """Begin the tick of a number."""
@@ -191,7 +186,7 @@ class SimulatedMachine:
     def after_step(self) -> None:
         """Read poses and motions after a physics step."""
         self.machine.after_step()
-        self._efforts.append(self._drive_efforts)
+        self._efforts.append(self.machine.drive_efforts)
         for coupling in self.couplings.values():
             coupling.after_step()
 

@@ -282,6 +282,13 @@ class TrackedMachine:
         return np.array(self._efforts)
 
     @property
+    def drive_efforts(self) -> list[float]:
+        """Drive torques of the joints [N m], then forces of the tracks' drives on their belts [N],
+        in the last step.
+        """
+        return [*self._efforts, *self.tracks.drive_forces.tolist()]
+
+    @property
     def cylinders(self) -> dict[str, CylinderState]:
         """State of the cylinders, by the joint that they drive."""
         return self.hydraulics.states(self._angles, self._rates, self._efforts)

@@ -18,7 +18,7 @@ from machine_sim.tool_soil.room import ReportedRoom
 from machine_sim.tool_soil.tools import ToolMotion, make_interaction
 from msg_bridge.contract.constants import GRAVITY
 from msg_bridge.contract.rows import MAX_MILLING_WORK, Rows
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import fixed_signature_kernel, kernel
 
 __all__ = ["ToolSoilCoupling"]
 
@@ -65,7 +65,6 @@ class ToolSoilCoupling:
         self._params, self._particles = params, particles
         self._interaction = interaction = make_interaction(tool.shape, tool_id)
         self.is_digging = interaction.is_digging
-        self._edge_point: list[float] = interaction.key_points[:1].ravel().tolist()
         particles.add_tool(tool_id, tool.shape.plates(), tool.pose, is_digging=self.is_digging)
         self.pending = interaction.make_pending(
             rng,
@@ -200,13 +199,11 @@ class ToolSoilCoupling:
         if free == math.inf:
             return free
         # The soil that it will take in is that at its first key point, the cutting edge.
-        ground, (rotation, origin) = self._particles.ground, self.frame_at(0)
-        grid, (x, y, z) = ground.grid, self._edge_point
-        ((xx, xy, xz), (yx, yy, yz), _), (x0, y0, _) = rotation.tolist(), origin.tolist()
-        edge_x, edge_y = x0 + xx * x + xy * y + xz * z, y0 + yx * x + yy * y + yz * z
-        row = min(max(round((grid.x_first - edge_x) / grid.cell), 0), grid.rows - 1)
-        col = min(max(round((grid.y_first - edge_y) / grid.cell), 0), grid.cols - 1)
-        swell: float = self._particles.soils[ground.soil[row, col]].swell
+        ground = self._particles.ground
+        soil = _soil_at_point(
+            self.key_points, *self.frame_at(0), ground.soil, ground.frame, ground.grid.cell
+        )
+        swell: float = self._particles.soils[soil].swell
         bank_mm3 = 1e9 * free / (1.0 + swell) - self.pending.total_mm3
         return self.resistance.inflow_fraction * max(bank_mm3, 0.0)
 
@@ -221,6 +218,24 @@ class ToolSoilCoupling:
         yield self.pending.state
         yield self._reported_room.state
         yield self.resistance.state
+
+
+@fixed_signature_kernel
+def _soil_at_point(points, rotation, origin, soil, frame, cell):  # type: ignore[no-untyped-def]
+    """Return the soil id of the column nearest to the first of some points of a tool.
+
+    Args:
+        points: [m], tool frame, shape (n, 3), n >= 1.
+        rotation, origin: pose of the tool frame.
+        soil, frame: of `Ground`.
+        cell: size of a cell [m].
+    """
+    x, y, z = points[0, 0], points[0, 1], points[0, 2]
+    map_x = origin[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
+    map_y = origin[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
+    row = min(max(round((frame[0] - map_x) / cell), 0), soil.shape[0] - 1)
+    col = min(max(round((frame[1] - map_y) / cell), 0), soil.shape[1] - 1)
+    return soil[row, col]
 
 
 @kernel

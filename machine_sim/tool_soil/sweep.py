@@ -168,11 +168,6 @@ class TrackSweep:
             ]
         )
         num_points = len(self._points)
-        heights = self._points[:, 2]
-        self._left_heights, self._right_heights = (
-            heights[: num_points // 2],
-            heights[num_points // 2 :],
-        )
         self._key_points = _KeyPointStrip(num_points, first_tool_id)
         self._key_points.rows["pair"] %= 2
         self._key_points.rows["tool"][num_points // 2 :] += 1
@@ -188,12 +183,17 @@ class TrackSweep:
             start, end: pose of the base frame, whose origin is on the ground.
             contact: of the soles with the ground.
         """
-        self._left_heights[:], self._right_heights[:] = contact.heights
-        for side in range(2):
-            self._pressure[side, 0] = contact.front_pressures[side]
-            self._pressure[side, 1] = contact.rear_pressures[side]
         strip = self._key_points
-        if strip.move(self._points, start, end) < _MIN_TRACK_DISPLACEMENT:
+        displacement = _sweep_tracks(
+            self._points,
+            *start,
+            *end,
+            contact,
+            strip.segments,
+            strip.displacements,
+            self._pressure,
+        )
+        if displacement < _MIN_TRACK_DISPLACEMENT:
             return empty_rows(SWEEP)
         return strip.copy()
 
@@ -232,6 +232,32 @@ def _sweep_plates(  # type: ignore[no-untyped-def]
     """Move key points and find their actions; see `_move_points` and `_classify_actions`."""
     _move_points(points, rotation, origin, end_rotation, end_origin, segments, displacements)
     _classify_actions(displacements, end_rotation, normals, action)
+
+
+@fixed_signature_kernel
+def _sweep_tracks(  # type: ignore[no-untyped-def]
+    points, rotation, origin, end_rotation, end_origin, contact, segments, displacements, pressure
+):
+    """Move key points at the height of the soles, and set their pressures.
+
+    Args:
+        points: see `_move_points`; left track first, the heights are set.
+        rotation, origin, end_rotation, end_origin, segments, displacements: see `_move_points`.
+        contact: `SoleContact`.
+        pressure: out [Pa], of the left and right edge at front and rear of each track, shape
+            (2, 2, 2).
+
+    Returns:
+        Maximum component of a displacement [m].
+    """
+    points_per_side = len(points) // 2
+    for side in range(2):
+        for k in range(points_per_side):
+            points[side * points_per_side + k, 2] = contact.heights[side]
+        for edge in range(2):
+            pressure[side, 0, edge] = contact.front_pressures[side]
+            pressure[side, 1, edge] = contact.rear_pressures[side]
+    return _move_points(points, rotation, origin, end_rotation, end_origin, segments, displacements)
 
 
 @helper

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from machine_sim.machine.spec import MachineSpec
 from machine_sim.machine.tracks.running_gear import with_dynamic_tracks
 from machine_sim.machine.tracks.track_state import SHOE_X, SHOE_Z
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper
 
 __all__ = [
     "TRACK_MODELS",
@@ -129,20 +129,29 @@ def sole_contact(tracks: Tracks) -> SoleContact:
     Vehicles, section 2.3).
     """
     spec = tracks.spec.tracks
-    left, right = (
-        _contact_of_side(
-            tracks.shoe_poses[side],
-            tracks.shoe_loads[side],
-            0.5 * spec.axle_distance,
-            0.5 * spec.shoe_thickness,
-            spec.shoe_width,
-        )
-        for side in range(2)
+    heights, front_pressures, rear_pressures = _contact_of_soles(
+        tracks.shoe_poses,
+        tracks.shoe_loads,
+        0.5 * spec.axle_distance,
+        0.5 * spec.shoe_thickness,
+        spec.shoe_width,
     )
-    return SoleContact(*zip(left, right, strict=True))
+    return SoleContact(heights, front_pressures, rear_pressures)
 
 
-@kernel
+@fixed_signature_kernel
+def _contact_of_soles(poses, loads, half_axle_distance, half_thickness, width):  # type: ignore[no-untyped-def]
+    """Return the heights, front and rear pressures of `SoleContact`."""
+    left_height, left_front, left_rear = _contact_of_side(
+        poses[0], loads[0], half_axle_distance, half_thickness, width
+    )
+    right_height, right_front, right_rear = _contact_of_side(
+        poses[1], loads[1], half_axle_distance, half_thickness, width
+    )
+    return (left_height, right_height), (left_front, right_front), (left_rear, right_rear)
+
+
+@helper
 def _contact_of_side(poses, loads, half_axle_distance, half_thickness, width):  # type: ignore[no-untyped-def]
     """Return height of the soles [m], pressure at the front and at the rear [Pa] of one side."""
     between = height = load = moment = 0.0
