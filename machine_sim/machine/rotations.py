@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import fixed_signature_kernel
 
 __all__ = [
     "cross",
@@ -24,21 +24,28 @@ Array = NDArray[np.float64]
 
 def rotation_matrix(quaternion: ArrayLike) -> Array:
     """Return the rotation matrix, shape (3, 3), of a quaternion x, y, z, w of any length."""
-    rotation: Array = rotation_of(*np.asarray(quaternion, dtype=np.float64).tolist())
+    return rotation_of(*np.asarray(quaternion, dtype=np.float64).tolist())
+
+
+def rotation_of(x: float, y: float, z: float, w: float) -> Array:
+    """Return `rotation_matrix` of four floats; it is fast, because machines need it in each step.
+
+    The array is made here: one that a kernel makes takes four times as long to return.
+    """
+    rotation = np.empty((3, 3))
+    _set_rotation(x, y, z, w, rotation)
     return rotation
 
 
-@kernel
-def rotation_of(x, y, z, w):  # type: ignore[no-untyped-def]
-    """Return `rotation_matrix` of four floats; a kernel, because machines need it in each step."""
+@fixed_signature_kernel
+def _set_rotation(x, y, z, w, rotation):  # type: ignore[no-untyped-def]
+    """Fill the rotation matrix of a quaternion."""
     # The quaternions of the physics engine have unit length only to about 1e-6.
     scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
     x, y, z, w = x * scale, y * scale, z * scale, w * scale
-    rotation = np.empty((3, 3))
     rotation[0] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
     rotation[1] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
     rotation[2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-    return rotation
 
 
 def quaternion_from_matrix(rotation: Array) -> list[float]:

@@ -201,7 +201,7 @@ class ToolSoilCoupling:
         # The soil that it will take in is that at its first key point, the cutting edge.
         ground = self._particles.ground
         soil = _soil_at_point(
-            self.key_points, *self.frame_at(0), ground.soil, ground.frame, ground.grid.cell
+            self.key_points, *self.frame_at(0), ground.soil, ground.frame, float(ground.grid.cell)
         )
         swell: float = self._particles.soils[soil].swell
         bank_mm3 = 1e9 * free / (1.0 + swell) - self.pending.total_mm3

@@ -134,7 +134,7 @@ def sole_contact(tracks: Tracks) -> SoleContact:
         tracks.shoe_loads,
         0.5 * spec.axle_distance,
         0.5 * spec.shoe_thickness,
-        spec.shoe_width,
+        float(spec.shoe_width),
     )
     return SoleContact(heights, front_pressures, rear_pressures)
 
