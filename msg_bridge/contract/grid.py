@@ -49,6 +49,8 @@ class Grid:
             raise ParameterError(
                 f"cell is {self.cell!r} m; give a spacing between 0.01 m and 1000 m"
             )
+        # Kernels of one signature would misread an integer.
+        object.__setattr__(self, "cell", float(self.cell))
 
     @property
     def shape(self) -> tuple[int, int]:

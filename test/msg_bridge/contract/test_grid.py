@@ -38,3 +38,8 @@ def test_invalid_spacing_is_rejected(cell: float) -> None:
 def test_grid_of_one_column_is_rejected() -> None:
     with pytest.raises(ParameterError, match="at least 2 x 2"):
         Grid(1, 5, 0.5)
+
+
+def test_spacing_given_as_an_integer_is_a_float() -> None:
+    """Kernels that have run with a float would read the bits of an integer as one."""
+    assert isinstance(Grid(5, 5, 1).cell, float)
