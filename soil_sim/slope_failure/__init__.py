@@ -4,7 +4,8 @@
 - `runout`: deposited soil runs down to where it stays
 - `relax_cells`: columns in a queue give soil to their neighbours, one by one
 - `relax_window`: large failures, relaxed in passes over a window; `window`: its bounds;
-  `relax_pairs`: the kernels of a pass; `redistribute`: what it planned, as whole mm^3
+  `window_surface`: its copy; `relax_pairs`: the kernels of a pass; `retained_pairs`: what a tool
+  is between; `redistribute`: what the passes planned, as whole mm^3
 - `stability`: critical height of firm soil
 - `relaxation_parameters`, `neighbourhood`, `cell_queue`: data that the algorithms share
 - `noise`: random variation of the angle of repose and of the direction of sliding

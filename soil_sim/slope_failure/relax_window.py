@@ -19,16 +19,12 @@ from numpy.typing import NDArray
 
 from msg_bridge.kernels import BoxedTable, box_table, fixed_signature_kernel, helper
 from soil_sim.slope_failure.redistribute import redistribute
-from soil_sim.slope_failure.relax_pairs import (
-    PairDirections,
-    pair_directions,
-    relax_passes,
-    retained_pairs,
-)
+from soil_sim.slope_failure.relax_pairs import PairDirections, pair_directions, relax_passes
 from soil_sim.slope_failure.relaxation_parameters import RelaxationParameters
+from soil_sim.slope_failure.retained_pairs import retained_pairs
 from soil_sim.slope_failure.wedge_failure import fail_wedges
 from soil_sim.slope_failure.window import WindowBounds
-from soil_sim.slope_failure.window_surface import WALL_HEIGHT, copy_surface
+from soil_sim.slope_failure.window_surface import copy_surface
 
 __all__ = ["WindowRelaxation"]
 
@@ -191,13 +187,13 @@ def _relax_window(  # type: ignore[no-untyped-def]
     surface = copy_surface(columns, params, occupied, bounds)
     all_directions = boxed_directions.table
     directions = all_directions.uniform if surface.is_uniform else all_directions.varying
-    num_pairs = surface.heights.size * directions.offsets.shape[0]
+    num_pairs = surface.heights.shape[0] * surface.num_cols * directions.offsets.shape[0]
     pass_cost = max(1, num_pairs // _PAIRS_PER_VISIT)
     max_passes = max(1, min(budget // pass_cost, max_passes))
     heights = surface.heights.copy()
-    retained = retained_pairs(surface.heights >= WALL_HEIGHT, directions)
+    retained = retained_pairs(np.isnan(heights), surface.num_cols, directions)
     has_moved, num_passes = relax_passes(
-        heights, surface.floor, surface.tangents, directions, retained, num_done, max_passes
+        heights, surface, directions, retained, num_done, max_passes
     )
     rows, cols, change = _planned_changes(surface, heights)
     cells = (rows + first_row) * params.cols + cols + first_col
@@ -213,18 +209,18 @@ def _planned_changes(surface, heights):  # type: ignore[no-untyped-def]
     before, after = surface.heights.reshape(-1), heights.reshape(-1)
     size = 0
     for k in range(after.size):
-        size += after[k] != before[k]
+        size += abs(after[k] - before[k]) > 0.0  # false for walls
     rows, cols, change = np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size)
-    num_rows, num_cols = heights.shape
+    num_rows, num_cols = heights.shape[0], surface.num_cols
     if surface.is_transposed:
         num_rows, num_cols = num_cols, num_rows
     count = 0
     for i in range(num_rows):
         for j in range(num_cols):
             a, b = (j, i) if surface.is_transposed else (i, j)
-            if heights[a, b] != surface.heights[a, b]:
-                rows[count], cols[count] = i, j
-                change[count] = heights[a, b] - surface.heights[a, b]
+            difference = heights[a, b] - surface.heights[a, b]
+            if abs(difference) > 0.0:
+                rows[count], cols[count], change[count] = i, j, difference
                 count += 1
     return rows, cols, change
 

@@ -7,14 +7,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msg_bridge.kernels import helper
+from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.occupancy import FREE
 from soil_sim.columns.operations import firm_top
 
-__all__ = ["WALL_HEIGHT", "WindowSurface", "copy_surface"]
+__all__ = ["WALL", "WindowSurface", "copy_surface", "padded_cols", "relaxed_cols"]
 
-WALL_HEIGHT = np.float32(1e6)
-"""Height of columns that neither give nor receive soil [m]."""
+WALL = np.float32(np.nan)
+"""Height of columns that neither give nor receive soil: comparisons with it are false."""
+
+_BLOCK = 16
+"""Columns of a row that are relaxed by vector instructions at once [cells]."""
 
 _SAME_TANGENT = 1.05
 """Ratio of the tangents of firm and loose soil up to which both slide together."""
@@ -24,22 +27,42 @@ class WindowSurface(NamedTuple):
     """Surface of a window of a map.
 
     The layers have shape (rows, cols) or, transposed, (cols, rows), so that rows are long: that is
-    faster, and the directions in which soil slides are symmetric.
+    faster, and the directions in which soil slides are symmetric. Rows are padded by columns of a
+    wall, see `padded_cols`.
 
     Attributes:
-        heights: above its lowest point [m], float32; `WALL_HEIGHT` where a tool is.
+        heights: above its lowest point [m], float32; `WALL` where a tool is.
         floor: height below which soil does not move [m], float32: that of firm soil with cohesion,
             after `fail_wedges`, and of firm soil that stands steeper than the soil on it.
         tangents: tangent of the angle of repose at the surface, float32.
+        num_cols: number of columns of the layers without those that pad them.
+        tangent: that of the last column, float32; of all columns if `is_uniform`.
         is_uniform: whether the tangent is the same everywhere.
+        is_bottomless: whether all soil of every column may move: no column can give more than it
+            has, as none becomes lower than the one it gives to.
         is_transposed: whether the layers are transposed.
     """
 
     heights: NDArray[np.float32]
     floor: NDArray[np.float32]
     tangents: NDArray[np.float32]
+    num_cols: int
+    tangent: np.float32
     is_uniform: bool
+    is_bottomless: bool
     is_transposed: bool
+
+
+@kernel(forceinline=True)
+def relaxed_cols(num_cols):  # type: ignore[no-untyped-def]
+    """Return the number of columns of a row that are relaxed: whole blocks."""
+    return -(-num_cols // _BLOCK) * _BLOCK
+
+
+@kernel(forceinline=True)
+def padded_cols(num_cols, reach):  # type: ignore[no-untyped-def]
+    """Return the number of columns of a padded row, in which all have a partner `reach` away."""
+    return relaxed_cols(num_cols) + reach
 
 
 @helper(allocates=True)
@@ -54,14 +77,16 @@ def copy_surface(columns, params, occupied, bounds):  # type: ignore[no-untyped-
     """
     num_rows, num_cols = bounds.end_row - bounds.first_row, bounds.end_col - bounds.first_col
     is_transposed = num_rows > num_cols
-    shape = (num_cols, num_rows) if is_transposed else (num_rows, num_cols)
-    heights, floor = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    tangents = np.empty(shape, np.float32)
+    if is_transposed:
+        num_rows, num_cols = num_cols, num_rows
+    shape = (num_rows, padded_cols(num_cols, params.reach))
+    heights, floor = np.full(shape, WALL), np.zeros(shape, np.float32)
+    tangents = np.zeros(shape, np.float32)
     lowest = np.inf
     for row in range(bounds.first_row, bounds.end_row):
         for col in range(bounds.first_col, bounds.end_col):
             lowest = min(lowest, columns.height[row * params.cols + col])
-    is_uniform, last_tangent = True, -1.0
+    is_uniform, is_bottomless, last_tangent = True, True, -1.0
     limit = params.stability.neighbour_height
     for row in range(bounds.first_row, bounds.end_row):
         for col in range(bounds.first_col, bounds.end_col):
@@ -70,9 +95,6 @@ def copy_surface(columns, params, occupied, bounds):  # type: ignore[no-untyped-
             if is_transposed:
                 r, c = c, r
             if occupied[i] != FREE:
-                # A wall: too high to receive soil, and without soil to give.
-                heights[r, c] = floor[r, c] = WALL_HEIGHT
-                tangents[r, c] = np.float32(0.0)
                 continue
             kind, moisture = columns.soil[i], columns.moisture[i]
             tangent = firm_tangent = params.repose_tan[kind, moisture]
@@ -83,6 +105,7 @@ def copy_surface(columns, params, occupied, bounds):  # type: ignore[no-untyped-
             fixed = columns.floor
             if limit[kind, moisture, 0] > 0.0 or firm_tangent > _SAME_TANGENT * tangent:
                 fixed = firm_top(columns, i)
+                is_bottomless = False
             if params.repose_tan_scale.size:
                 tangent *= params.repose_tan_scale[i]
             heights[r, c] = columns.height[i] - lowest
@@ -90,4 +113,7 @@ def copy_surface(columns, params, occupied, bounds):  # type: ignore[no-untyped-
             tangents[r, c] = tangent
             is_uniform &= last_tangent in (-1.0, tangent)
             last_tangent = tangent
-    return WindowSurface(heights, floor, tangents, is_uniform, is_transposed)
+    return WindowSurface(
+        heights, floor, tangents, num_cols, np.float32(last_tangent), is_uniform, is_bottomless,
+        is_transposed,
+    )  # fmt: skip

@@ -8,7 +8,9 @@ from support.soil_scenes import NO_DEPOSIT_REQUESTS, NO_SWEEPS, come_to_rest, ma
 
 from msg_bridge.contract.grid import Grid
 from soil_sim.slope_failure import gauss_circle_offsets
-from soil_sim.slope_failure.relax_pairs import RetainedPairs, pair_directions, relax_passes
+from soil_sim.slope_failure.relax_pairs import pair_directions, relax_passes
+from soil_sim.slope_failure.retained_pairs import RetainedPairs
+from soil_sim.slope_failure.window_surface import WALL, WindowSurface, padded_cols
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
 
@@ -135,30 +137,54 @@ def test_ground_whose_angle_of_repose_varies_is_relaxed_in_windows(case: str) ->
     assert soil.relaxation.max_slope_excess() <= 0.004
 
 
-def test_passes_leave_no_pair_too_steep_where_angles_of_repose_differ() -> None:
+@pytest.mark.parametrize("is_uniform", [False, True])
+def test_passes_leave_no_pair_too_steep(is_uniform: bool) -> None:
     rng = np.random.default_rng(3)
     heights = rng.uniform(0.0, 3.0, (23, 40)).astype(np.float32)
     heights[9:12, 10:30] = 9.0
-    floor = np.zeros_like(heights)
     tangents = rng.uniform(0.3, 0.9, heights.shape).astype(np.float32)
+    if is_uniform:
+        tangents[:] = 0.6
     neighbours, tolerance, total = gauss_circle_offsets(4.0), 0.001, float(heights.sum())
-    directions = pair_directions(neighbours, 0.2, tolerance, is_uniform=False)
+    surface = make_surface(heights, tangents, is_uniform=is_uniform)
+    directions = pair_directions(neighbours, 0.2, tolerance, is_uniform=is_uniform)
     starts = np.zeros(2 * len(directions.offsets) + 1, dtype=np.int64)
     no_walls = RetainedPairs(np.zeros((0, 2), dtype=np.int64), starts)
-    at_once = heights.copy()
-    surface = (floor, tangents, directions, no_walls)
-    is_moving, num_passes = relax_passes(at_once, *surface, 0, 400)
+    at_once, one_by_one = surface.heights.copy(), surface.heights.copy()
+    is_moving, num_passes = relax_passes(at_once, surface, directions, no_walls, 0, 400)
     assert not is_moving
     for n in range(num_passes):  # one pass in each call: no pair of rows is skipped
-        relax_passes(heights, *surface, n, 1)
-    assert np.array_equal(heights, at_once)
-    assert float(heights.sum()) == pytest.approx(total, rel=1e-5)
+        relax_passes(one_by_one, surface, directions, no_walls, n, 1)
+    assert np.array_equal(one_by_one, at_once, equal_nan=True)
+    if is_uniform:  # with layers of one tangent and of a floor that is reached nowhere
+        varying = surface._replace(is_uniform=False)
+        relax_passes(one_by_one := surface.heights.copy(), varying, directions, no_walls, 0, 400)
+        assert np.array_equal(one_by_one, at_once, equal_nan=True)
+    assert np.isnan(at_once[:, 40:]).all()
+    after = at_once[:, :40]
+    assert float(after.sum()) == pytest.approx(total, rel=1e-5)
     for di, dj in neighbours:
         distance = 0.2 * np.hypot(di, dj)
         inside = np.s_[4:-4, 4:-4]
-        beside = np.roll(heights, (-di, -dj), axis=(0, 1))
-        excess = (heights - beside - tangents * distance)[inside]
+        beside = np.roll(after, (-di, -dj), axis=(0, 1))
+        excess = (after - beside - tangents * distance)[inside]
         assert excess.max() <= 1.01 * tolerance, (di, dj)
+
+
+def make_surface(heights: np.ndarray, tangents: np.ndarray, *, is_uniform: bool) -> WindowSurface:
+    """Return the surface of a window without tools or firm soil, shape (rows, cols)."""
+    cols = heights.shape[1]
+    padding = ((0, 0), (0, padded_cols(cols, 4) - cols))
+    return WindowSurface(
+        np.pad(heights, padding, constant_values=WALL),
+        np.pad(np.zeros_like(heights), padding),
+        np.pad(tangents, padding),
+        cols,
+        tangents[-1, -1],
+        is_uniform=is_uniform,
+        is_bottomless=True,
+        is_transposed=False,
+    )
 
 
 def test_stable_wall_of_clay_does_not_fail() -> None:
