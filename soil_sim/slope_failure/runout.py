@@ -213,7 +213,9 @@ def _find_interior_target(  # type: ignore[no-untyped-def]
     """Find the neighbour that soil up to `top` [m] on an interior column moves to.
 
     For slopes without noise. The loop over the neighbours has no branches and unsigned indices
-    (`msg_bridge.kernels.decorators`): it is most of the time of a deposit.
+    (`msg_bridge.kernels.decorators`): it is most of the time of a deposit. A condition would be
+    compiled to a branch, which on a slope at its angle of repose is predicted wrong again and
+    again; a score is multiplied by it instead.
 
     Args:
         height: surface of each column [m], flat.
@@ -236,7 +238,7 @@ def _find_interior_target(  # type: ignore[no-untyped-def]
         n = np.uint64(first + k)
         j = np.uint64(i + index_offset[n])
         excess = top - height[j] - limit[n]
-        scores[k] = excess + preference[n] if excess > tolerance else 0.0
+        scores[k] = (excess + preference[n]) * (excess > tolerance)
         max_excess = max(max_excess, excess)
         max_score = max(max_score, scores[k])
         marks |= occupied[j]
