@@ -11,11 +11,11 @@ from msg_bridge.kernels import helper
 
 __all__ = [
     "CellQueue",
-    "clear",
     "create_cell_queue",
     "dequeue",
     "enqueue",
     "is_empty",
+    "pop_all",
     "queue_length",
     "queued_cells",
 ]
@@ -61,10 +61,12 @@ def queued_cells(queue: CellQueue) -> NDArray[np.int64]:
     return np.concatenate([queue.buffer[head:], queue.buffer[:tail]])
 
 
-def clear(queue: CellQueue) -> None:
-    """Remove all columns from the queue."""
-    queue.is_queued[queued_cells(queue)] = 0
+def pop_all(queue: CellQueue) -> NDArray[np.int64]:
+    """Remove all columns from the queue; return their flat indices, in their order."""
+    cells = queued_cells(queue)
+    queue.is_queued[cells] = 0
     queue.head_tail[:] = 0
+    return cells
 
 
 @helper(forceinline=True)

@@ -151,11 +151,8 @@ class WindowRelaxation:
         if cells.size == 0:
             return cells
         bounds = self._bounds_with_margin(cells)
-        i, j = np.divmod(cells, cols)
-        is_far = np.ones(bounds.shape, dtype=np.uint8)
-        is_far[i - bounds.first_row, j - bounds.first_col] = 0
-        near_rows, near_cols = np.nonzero(_window_min(is_far, self._reach) == 0)
-        return (near_rows + bounds.first_row) * cols + near_cols + bounds.first_col
+        near: NDArray[np.int64] = _cells_near(cells, cols, *bounds, self._reach)
+        return near
 
     def _bounds_with_margin(self, cells: NDArray[np.int64]) -> WindowBounds:
         """Return the window with some columns (flat indices) and the margin around them."""
@@ -225,17 +222,37 @@ def _planned_changes(surface, heights):  # type: ignore[no-untyped-def]
     return rows, cols, change
 
 
-def _window_min(values: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
-    """Return the smallest value within `reach` rows and columns of each column."""
-    smallest = values.copy()
-    for axis in (0, 1):
-        source = smallest.copy()
-        for step in range(1, reach + 1):
-            if step >= values.shape[axis]:
-                break
-            low, high = [slice(None)] * 2, [slice(None)] * 2
-            low[axis], high[axis] = slice(None, -step), slice(step, None)
-            a, b = tuple(low), tuple(high)
-            smallest[a] = np.minimum(smallest[a], source[b])
-            smallest[b] = np.minimum(smallest[b], source[a])
-    return smallest
+@fixed_signature_kernel
+def _cells_near(cells, cols, first_row, end_row, first_col, end_col, reach):  # type: ignore[no-untyped-def]
+    """Return the columns of a window within `reach` rows and columns of some of its columns.
+
+    Args:
+        cells: flat indices of these; may have duplicates.
+        cols: number of columns of the map.
+        first_row, end_row, first_col, end_col: see `WindowBounds`.
+        reach: distance [cells].
+
+    Returns:
+        Flat indices, sorted.
+    """
+    rows, width = end_row - first_row, end_col - first_col
+    marks = np.zeros((rows, width + 2 * reach), np.uint8)
+    for i in cells:
+        row = i // cols
+        marks[row - first_row, i - row * cols - first_col + reach] = 1
+    in_row = np.zeros((rows + 2 * reach, width), np.uint8)
+    for r in range(rows):
+        for step in range(2 * reach + 1):
+            for c in range(width):
+                in_row[r + reach, c] |= marks[r, c + step]
+    near, count = np.empty(rows * width, np.int64), 0
+    is_near = np.empty(width, np.uint8)
+    for r in range(rows):
+        is_near[:] = 0
+        for step in range(2 * reach + 1):
+            for c in range(width):
+                is_near[c] |= in_row[r + step, c]
+        for c in range(width):
+            near[count] = (first_row + r) * cols + first_col + c
+            count += is_near[c]
+    return near[:count]

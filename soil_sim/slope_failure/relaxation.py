@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from msg_bridge.kernels import BoxedTable, box_table
 from soil_sim.columns.state import Columns
 from soil_sim.slope_failure.cell_queue import (
-    clear,
     create_cell_queue,
+    pop_all,
     queue_length,
     queued_cells,
 )
@@ -202,9 +202,8 @@ class SlopeRelaxation:
 
     def _relax_window(self, budget: int) -> int:
         """Relax the window of all pending columns; return the cost in visits."""
-        window, pending = self._window_relaxation, queued_cells(self._queue)
+        window, pending = self._window_relaxation, pop_all(self._queue)
         bounds = window.bounds_including(pending)
-        clear(self._queue)
         cost = window.relax(bounds, pending, budget)
         if not window.is_running:
             # The remaining excess is small, and is relaxed column by column.

@@ -46,7 +46,8 @@ def fail_wedges(columns, params, occupied, queue, bounds):  # type: ignore[no-un
     for row in range(bounds.first_row, bounds.end_row):
         for col in range(bounds.first_col, bounds.end_col):
             i = row * params.cols + col
-            has_cohesion = limit[columns.soil[i], columns.moisture[i], 0] > 0.0
+            u = np.uint64(i)  # faster, see `msg_bridge.kernels.decorators`
+            has_cohesion = limit[columns.soil[u], columns.moisture[u], 0] > 0.0
             if has_cohesion and occupied[i] != TOOL_INSIDE and _is_steep(columns, params, i):
                 fail_wedge(columns, params, occupied, i, queue)
 

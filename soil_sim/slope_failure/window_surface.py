@@ -82,18 +82,21 @@ def copy_surface(columns, params, occupied, bounds):  # type: ignore[no-untyped-
     shape = (num_rows, padded_cols(num_cols, params.reach))
     heights, floor = np.full(shape, WALL), np.zeros(shape, np.float32)
     tangents = np.zeros(shape, np.float32)
+    flat_heights, flat_floor, flat_tangents = (
+        heights.reshape(-1),
+        floor.reshape(-1),
+        tangents.reshape(-1),
+    )
     lowest = np.inf
     for row in range(bounds.first_row, bounds.end_row):
         for col in range(bounds.first_col, bounds.end_col):
-            lowest = min(lowest, columns.height[row * params.cols + col])
+            lowest = min(lowest, columns.height[np.uint64(row * params.cols + col)])
     is_uniform, is_bottomless, last_tangent = True, True, -1.0
     limit = params.stability.neighbour_height
+    row_step, col_step = (1, shape[1]) if is_transposed else (shape[1], 1)
     for row in range(bounds.first_row, bounds.end_row):
         for col in range(bounds.first_col, bounds.end_col):
-            i = row * params.cols + col
-            r, c = row - bounds.first_row, col - bounds.first_col
-            if is_transposed:
-                r, c = c, r
+            i = np.uint64(row * params.cols + col)
             if occupied[i] != FREE:
                 continue
             kind, moisture = columns.soil[i], columns.moisture[i]
@@ -108,9 +111,10 @@ def copy_surface(columns, params, occupied, bounds):  # type: ignore[no-untyped-
                 is_bottomless = False
             if params.repose_tan_scale.size:
                 tangent *= params.repose_tan_scale[i]
-            heights[r, c] = columns.height[i] - lowest
-            floor[r, c] = fixed - lowest
-            tangents[r, c] = tangent
+            k = np.uint64((row - bounds.first_row) * row_step + (col - bounds.first_col) * col_step)
+            flat_heights[k] = columns.height[i] - lowest
+            flat_floor[k] = fixed - lowest
+            flat_tangents[k] = tangent
             is_uniform &= last_tangent in (-1.0, tangent)
             last_tangent = tangent
     return WindowSurface(
