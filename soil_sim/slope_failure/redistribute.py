@@ -75,8 +75,9 @@ def _label_failures(rows, cols, shape, side):  # type: ignore[no-untyped-def]
     """
     block_rows, block_cols = -(-shape[0] // side), -(-shape[1] // side)
     block = np.zeros((block_rows, block_cols), dtype=np.int64)  # -1: changed, without a number yet
+    block_at = np.arange(max(shape)) // side  # read for each column, which is faster than to divide
     for m in range(rows.size):
-        block[rows[m] // side, cols[m] // side] = -1
+        block[block_at[rows[m]], block_at[cols[m]]] = -1
     stack = np.empty((block.size, 2), dtype=np.int64)
     count = 0
     for i in range(block_rows):
@@ -86,7 +87,7 @@ def _label_failures(rows, cols, shape, side):  # type: ignore[no-untyped-def]
                 _fill_component(block, i, j, count, stack)
     failure = np.empty(rows.size, dtype=np.int64)
     for m in range(rows.size):
-        failure[m] = block[rows[m] // side, cols[m] // side]
+        failure[m] = block[block_at[rows[m]], block_at[cols[m]]]
     return failure, count
 
 
