@@ -24,11 +24,16 @@ _ROUGHNESS = 0.04
 """Change of height that a surface of spheres has without a dig [m]."""
 
 
+_LEVEL_SLOPE = 0.1
+"""Slope of the path of the lip up to which it cuts level."""
+
+
 class Comparison(NamedTuple):
     """Ratios of the first to the second dig.
 
     Attributes:
         force: of the mean horizontal force while the bucket cuts.
+        vertical: of the mean vertical force while it cuts level.
         work: of the work of the force on the bucket.
         fill: of the volume in the bucket where it leaves the ground.
         trench: of the volume that the profile lost below z = 0, by width.
@@ -36,6 +41,7 @@ class Comparison(NamedTuple):
     """
 
     force: float
+    vertical: float
     work: float
     fill: float
     trench: float
@@ -44,10 +50,11 @@ class Comparison(NamedTuple):
 
 def compare(first: DigRecord, second: DigRecord) -> Comparison:
     """Return the ratios of two digs on the same path."""
-    is_cutting = _is_cutting(first)
+    is_cutting, is_level = _is_cutting(first)
     full = np.flatnonzero(is_cutting & ~np.isnan(second.fill))[-1]
     ratios = [
         first.force[is_cutting, 0].mean() / second.force[is_cutting, 0].mean(),
+        first.force[is_level, 2].mean() / second.force[is_level, 2].mean(),
         _work(first) / _work(second),
         first.fill[full] / second.fill[full],
     ]
@@ -132,18 +139,14 @@ def draw_comparison(path: Path, digs: dict[str, DigRecord]) -> None:
     figure.savefig(path, dpi=DPI)
 
 
-def _is_cutting(dig: DigRecord) -> NDArray[np.bool_]:
-    """Return in which intervals the lip is below the ground and moves toward -x."""
+def _is_cutting(dig: DigRecord) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return in which intervals the lip is in the ground and moves toward -x, and level besides."""
     reach = dig.bucket.tip_radius
-    lip = np.stack(
-        [
-            dig.origin[:, 0] + reach * np.cos(dig.pitch),
-            dig.origin[:, 2] - reach * np.sin(dig.pitch),
-        ],
-        axis=-1,
-    )
-    is_forward = np.diff(lip[:, 0], prepend=lip[0, 0]) < -1e-3
-    return np.asarray((lip[:, 1] < -0.05) & is_forward)
+    x = dig.origin[:, 0] + reach * np.cos(dig.pitch)
+    z = dig.origin[:, 2] - reach * np.sin(dig.pitch)
+    forward, up = -np.diff(x, prepend=x[0]), np.diff(z, prepend=z[0])
+    is_cutting = (z < -0.05) & (forward > 1e-3)
+    return is_cutting, is_cutting & (np.abs(up) < _LEVEL_SLOPE * forward)
 
 
 def _work(dig: DigRecord) -> float:

@@ -163,10 +163,16 @@ class ParticleEngine(SoilEngine):
     # Tools.
 
     def add_tool(
-        self, tool_id: int, plates: Sequence[ArrayLike], pose: Pose, *, is_digging: bool = True
+        self,
+        tool_id: int,
+        plates: Sequence[ArrayLike],
+        pose: Pose,
+        *,
+        is_digging: bool = True,
+        is_milling: bool = False,
     ) -> None:
         """Add a tool; see `SoilEngine.add_tool`."""
-        tool = RigidTool(plates, pose, is_digging=is_digging)
+        tool = RigidTool(plates, pose, is_digging=is_digging, is_milling=is_milling)
         self._tools.add(tool_id, tool)
         self._sleep_manager.add_tool(tool)
         # The tool may touch soil that sleeps.

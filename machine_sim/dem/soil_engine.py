@@ -169,7 +169,13 @@ class SoilEngine(ABC):
 
     @abstractmethod
     def add_tool(
-        self, tool_id: int, plates: Sequence[ArrayLike], pose: Pose, *, is_digging: bool = True
+        self,
+        tool_id: int,
+        plates: Sequence[ArrayLike],
+        pose: Pose,
+        *,
+        is_digging: bool = True,
+        is_milling: bool = False,
     ) -> None:
         """Add a tool that touches the soil.
 
@@ -179,6 +185,8 @@ class SoilEngine(ABC):
             pose: its pose.
             is_digging: whether it enters the ground, which then does not act on the soil in the
                 tool; False for the bed of a truck, a bin, a wall.
+            is_milling: whether it mills the ground, as a drum does; ahead of another tool that digs
+                the ground fails.
 
         Raises:
             ParticleError: the id is in use, or a plate or the pose is invalid.

@@ -20,7 +20,10 @@ from machine_sim.dem.contacts.ground_contact_blocks import (
     fill_ground_blocks,
     store_ground_springs,
 )
-from machine_sim.dem.contacts.ground_contacts import GroundContacts, max_limited_overlap
+from machine_sim.dem.contacts.ground_contacts import (
+    first_ground_contacts,
+    max_limited_overlap,
+)
 from machine_sim.dem.contacts.ground_recovery import recover_and_time_settling
 from machine_sim.dem.contacts.pair_contacts import update_pair_contacts
 from machine_sim.dem.contacts.plate_contact_list import PlateCandidates
@@ -113,9 +116,7 @@ def move_particles(  # type: ignore[no-untyped-def]
     listed_plates = PlateCandidates(
         plates.row[:num_plate_contacts], plates.plate[:num_plate_contacts]
     )
-    ground_contacts = GroundContacts(
-        ground.contacts.row[:num_ground_contacts], ground.contacts.plane[:num_ground_contacts]
-    )
+    ground_contacts = first_ground_contacts(ground.contacts, num_ground_contacts)
     if step.grows:
         num_pairs = listed.bounds[-1]
         first, second = listed.arrays.first[:num_pairs], listed.arrays.second[:num_pairs]

@@ -144,10 +144,16 @@ class CubeEngine(SoilEngine):
     # Tools.
 
     def add_tool(
-        self, tool_id: int, plates: Sequence[ArrayLike], pose: Pose, *, is_digging: bool = True
+        self,
+        tool_id: int,
+        plates: Sequence[ArrayLike],
+        pose: Pose,
+        *,
+        is_digging: bool = True,
+        is_milling: bool = False,
     ) -> None:
         """Add a tool; see `SoilEngine.add_tool`."""
-        tool = RigidTool(plates, pose, is_digging=is_digging)
+        tool = RigidTool(plates, pose, is_digging=is_digging, is_milling=is_milling)
         self._tools.add(tool_id, tool)
         self._plates.add(tool_id, tool, plates, self._tool_friction())
 

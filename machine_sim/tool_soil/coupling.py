@@ -65,7 +65,13 @@ class ToolSoilCoupling:
         self._params, self._particles = params, particles
         self._interaction = interaction = make_interaction(tool.shape, tool_id)
         self.is_digging = interaction.is_digging
-        particles.add_tool(tool_id, tool.shape.plates(), tool.pose, is_digging=self.is_digging)
+        particles.add_tool(
+            tool_id,
+            tool.shape.plates(),
+            tool.pose,
+            is_digging=self.is_digging,
+            is_milling=interaction.is_milling,
+        )
         self.pending = interaction.make_pending(
             rng,
             nominal_mm3=particles.params.nominal_volume,

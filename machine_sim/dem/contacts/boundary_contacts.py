@@ -42,6 +42,6 @@ def list_boundary_contacts(  # type: ignore[no-untyped-def]
     if num_plate_contacts >= 0:
         num_ground_contacts = list_ground_contacts(
             ground.surface, ground.frame, dt, surface_params, rows, ground_masked, near,
-            particles, ground.contacts.row, ground.contacts.plane,
+            particles, tools, ground.contacts,
         )  # fmt: skip
     return num_plate_contacts, num_ground_contacts

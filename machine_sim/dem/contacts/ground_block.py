@@ -25,7 +25,9 @@ MASS = 6 * BLOCK_SIZE
 """Mass of the particle [kg]."""
 TANGENTIAL_SPRING = 7 * BLOCK_SIZE
 """Elongation of the tangential spring, map axes [m] (3)."""
-NUM_QUANTITIES = 10
+GROUND_VELOCITY = 10 * BLOCK_SIZE
+"""Velocity of the ground, map axes [m/s] (3)."""
+NUM_QUANTITIES = 13
 
 # Offsets in the scratch block; results overwrite input.
 DISPLACEMENT = simd.RELATIVE_DISPLACEMENT * BLOCK_SIZE

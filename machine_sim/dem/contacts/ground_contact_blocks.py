@@ -78,6 +78,7 @@ def fill_ground_blocks(contacts, particles, limited_overlap, blocks):  # type: i
         )
         b[ground.MASS + s] = mass[i]
         ground.store(b, ground.TANGENTIAL_SPRING, s, load_row(spring, i, 0))
+        ground.store(b, ground.GROUND_VELOCITY, s, load_row(contacts.velocity, c, 0))
     # The last group is padded with copies of the last contact that exert no force.
     count = row.size
     while count % GROUP_SIZE != 0:

@@ -24,13 +24,16 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from machine_sim.dem.contacts.failing_ground import failing_ground_velocity
 from machine_sim.dem.contacts.ground_contact_blocks import (
     GroundContactBlocks,
     allocate_ground_blocks,
 )
 from machine_sim.dem.partition import NUM_CHUNKS
 from machine_sim.dem.tools.plane import PLANE_NORMAL, PLANE_OFFSET, PLANE_SIZE
-from machine_sim.dem.vec3 import dot, load_row, store_row
+from machine_sim.dem.tools.pose import ORIGIN, velocity_at
+from machine_sim.dem.tools.tool_set import NO_TOOL
+from machine_sim.dem.vec3 import dot, load_row, store_row, subtract
 from machine_sim.ground.contact_surface import Ground, surface_at
 from msg_bridge.kernels import BoxedTable, box_table, helper, threaded_helper
 
@@ -38,6 +41,7 @@ __all__ = [
     "GroundContactList",
     "GroundContacts",
     "GroundData",
+    "first_ground_contacts",
     "list_ground_contacts",
     "max_limited_overlap",
     "reset_spring",
@@ -62,10 +66,12 @@ class GroundContacts(NamedTuple):
     Attributes:
         row: rows of the particles, int64, shape (n,).
         plane: their packed planes, normals upward, shape (n, PLANE_SIZE), see `tools.plane`.
+        velocity: velocity of the ground there [m/s], shape (n, 3), see `failing_ground`.
     """
 
     row: NDArray[np.int64]
     plane: NDArray[np.float64]
+    velocity: NDArray[np.float64]
 
 
 class GroundData(NamedTuple):
@@ -109,10 +115,19 @@ class GroundContactList:
                 ground.surface,
                 ground.frame,
                 ground.grid.cell,
-                GroundContacts(np.zeros(count, np.int64), np.zeros((count, PLANE_SIZE))),
+                GroundContacts(
+                    np.zeros(count, np.int64), np.zeros((count, PLANE_SIZE)), np.zeros((count, 3))
+                ),
                 allocate_ground_blocks(count),
             )
         )
+
+
+@helper(allocates=True, forceinline=True)
+def first_ground_contacts(contacts, count):  # type: ignore[no-untyped-def]
+    """Return the first `GroundContacts` of a table."""
+    row, plane, velocity = contacts
+    return GroundContacts(row[:count], plane[:count], velocity[:count])
 
 
 @helper(forceinline=True)
@@ -130,7 +145,7 @@ def terrain_height(surface, frame, x, y):  # type: ignore[no-untyped-def]
 
 @threaded_helper
 def list_ground_contacts(  # type: ignore[no-untyped-def]
-    surface, frame, dt, params, rows, ground_masked, near_tool, particles, row, plane,
+    surface, frame, dt, params, rows, ground_masked, near_tool, particles, tools, contacts,
 ):  # fmt: skip
     """List the particles that may touch the ground within a step, with their planes.
 
@@ -145,17 +160,22 @@ def list_ground_contacts(  # type: ignore[no-untyped-def]
         rows: particles moved by forces.
         ground_masked, near_tool: of each of these, see `tools.near_tools`.
         particles: `ParticleColumns`.
-        row, plane: out, as in `GroundContacts`, with room for all rows.
+        tools: `ToolMotion`.
+        contacts: out, `GroundContacts` with room for all rows.
 
     Returns:
         Number of contacts.
     """
+    row, plane, ground_velocity = contacts
+    # Arrays: a parallel loop takes no tables within tables.
+    pose, twist, pushes_ground = tools.path[0], tools.twist, tools.pushes_ground
     num_found = np.zeros(NUM_CHUNKS, np.int64)
     for c in prange(NUM_CHUNKS):
         low, high = c * rows.size // NUM_CHUNKS, (c + 1) * rows.size // NUM_CHUNKS
         num_found[c] = _fit_planes(
             surface, frame, dt, params, rows[low:high], ground_masked[low:high],
-            near_tool[low:high], particles, row[low:high], plane[low:high],
+            near_tool[low:high], particles, pose, twist, pushes_ground, row[low:high],
+            plane[low:high], ground_velocity[low:high],
         )  # fmt: skip
     count = 0
     for c in range(NUM_CHUNKS):
@@ -164,6 +184,7 @@ def list_ground_contacts(  # type: ignore[no-untyped-def]
             row[count + k] = row[low + k]
             for axis in range(PLANE_SIZE):
                 plane[count + k, axis] = plane[low + k, axis]
+            store_row(ground_velocity, count + k, 0, load_row(ground_velocity, low + k, 0))
         count += num_found[c]
     return count
 
@@ -178,7 +199,8 @@ def _fit_slopes(surface, frame, x, y, r):  # type: ignore[no-untyped-def]
 
 @helper(forceinline=True)
 def _fit_planes(  # type: ignore[no-untyped-def]
-    surface, frame, dt, params, rows, ground_masked, near_tool, particles, row, plane,
+    surface, frame, dt, params, rows, ground_masked, near_tool, particles, pose, twist,
+    pushes_ground, row, plane, ground_velocity,
 ):  # fmt: skip
     """List the contacts of a chunk; return their number."""
     position, velocity, radius = particles.position, particles.velocity, particles.radius
@@ -192,7 +214,8 @@ def _fit_planes(  # type: ignore[no-untyped-def]
             continue
         i = rows[k]
         was_limited, overlap_before = penetration_limited[i], np.float64(old_overlap[i])
-        penetration_limited[i], old_overlap[i] = near_tool[k], np.float32(0.0)
+        is_near = near_tool[k] != NO_TOOL
+        penetration_limited[i], old_overlap[i] = is_near, np.float32(0.0)
         x, y, z = load_row(position, i, 0)
         r = np.float64(radius[i])
         speed2 = dot(load_row(velocity, i, 0), load_row(velocity, i, 0))
@@ -212,11 +235,17 @@ def _fit_planes(  # type: ignore[no-untyped-def]
         # A centre that is more than a radius below ground is put back (`ground_recovery`).
         has_risen = overlap - overlap_before > _MAX_RISE * contact_radius[i] and above * nz > -r
         is_deep = overlap > limited_overlap
-        penetration_limited[i] = near_tool[k] or (is_deep and (was_limited or has_risen))
-        nx, ny = -slope_x * nz, -slope_y * nz
+        penetration_limited[i] = is_near or (is_deep and (was_limited or has_risen))
+        normal = -slope_x * nz, -slope_y * nz, nz
         row[count] = i
-        store_row(plane, count, PLANE_NORMAL, (nx, ny, nz))
-        plane[count, PLANE_OFFSET] = nx * x + ny * y + nz * height
+        store_row(plane, count, PLANE_NORMAL, normal)
+        plane[count, PLANE_OFFSET] = dot(normal, (x, y, height))
+        store_row(ground_velocity, count, 0, (0.0, 0.0, 0.0))
+        t = near_tool[k]
+        if is_near and pushes_ground[t]:
+            arm = subtract((x, y, z), load_row(pose, t, ORIGIN))
+            velocity_of_tool = velocity_at(twist[t], *arm)
+            store_row(ground_velocity, count, 0, failing_ground_velocity(normal, velocity_of_tool))
         count += 1
     return count
 

@@ -58,7 +58,10 @@ def _evaluate_contacts(num_slots, block, scratch, params, friction, rolling_fric
         overlap = min(overlap, block[ground.MAX_OVERLAP + s])
         touches = _ONE if overlap > _ZERO else _ZERO
         contact_velocity = subtract(
-            ground.load(scratch, ground.VELOCITY, s),
+            subtract(
+                ground.load(scratch, ground.VELOCITY, s),
+                ground.load(block, ground.GROUND_VELOCITY, s),
+            ),
             cross(ground.load(scratch, ground.SURFACE_VELOCITY, s), normal),
         )
         normal_force, friction_force, spring = contact_force(

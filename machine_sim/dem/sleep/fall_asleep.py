@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.dem.contacts.ground_contacts import GroundContacts
+from machine_sim.dem.contacts.ground_contacts import first_ground_contacts
 from machine_sim.dem.contacts.plate_contact_list import PlateCandidates
 from machine_sim.dem.contacts.step_contacts import StepContacts
 from machine_sim.dem.sleep.sleep_state import (
@@ -55,7 +55,7 @@ def update_sleep(  # type: ignore[no-untyped-def]
     contacts = StepContacts(
         boxed_pairs.table.blocks,
         PlateCandidates(plates.row[:num_plate_contacts], plates.plate[:num_plate_contacts]),
-        GroundContacts(ground.row[:num_ground_contacts], ground.plane[:num_ground_contacts]),
+        first_ground_contacts(ground, num_ground_contacts),
     )
     num_woken = 0
     if rows.size < particles.sleep_state.size:

@@ -143,12 +143,12 @@ def classify_near_tools(near_tools, tools, margin, inside):  # type: ignore[no-u
             for none.
 
     Returns:
-        (ground_masked, near), shape (rows,) each: whether that tool digs, and whether the particle
-        is near a tool that digs.
+        (ground_masked, near), shape (rows,) each: whether that tool digs, and index of a tool that
+        digs and that the particle is near, `NO_TOOL` for none.
     """
     hull, first_plane, is_digging = tools.hull, tools.first_plane, tools.is_digging
     inside[:] = NO_TOOL
-    ground_masked, near = np.zeros(inside.size, np.bool_), np.zeros(inside.size, np.bool_)
+    ground_masked, near = np.zeros(inside.size, np.bool_), np.full(inside.size, NO_TOOL)
     all_within = np.empty(near_tools.number.size, np.bool_)
     for t in range(first_plane.size - 1):
         low, high = near_tools.first[t], near_tools.first[t + 1]
@@ -158,7 +158,8 @@ def classify_near_tools(near_tools, tools, margin, inside):  # type: ignore[no-u
             continue
         if is_digging[t]:
             for k in range(number.size):
-                near[number[k]] |= within[k]
+                if within[k]:
+                    near[number[k]] = t
         if first_plane[t + 1] == first_plane[t]:
             continue
         # Plane by plane, so that the loops over particles are vectorised.

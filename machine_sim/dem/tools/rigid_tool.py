@@ -26,12 +26,19 @@ class RigidTool:
         centre: centre of its bounding sphere [m], tool frame, shape (3,).
         bounding_radius: radius of its bounding sphere [m].
         is_digging: whether it enters the ground, see `near_tools.classify_near_tools`.
+        pushes_ground: whether the ground ahead of it fails, see `contacts.failing_ground`: it digs
+            and does not mill.
         records: packed poses at the start and at the end of a step, shape (2, POSE_SIZE); a view of
             those of all tools in a `ToolSet`.
     """
 
     def __init__(
-        self, polygons: Sequence[ArrayLike], pose: Pose, *, is_digging: bool = True
+        self,
+        polygons: Sequence[ArrayLike],
+        pose: Pose,
+        *,
+        is_digging: bool = True,
+        is_milling: bool = False,
     ) -> None:
         """Build from plates, each (k, 3) corners [m] in the tool frame, in order around it.
 
@@ -46,6 +53,7 @@ class RigidTool:
         self.centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
         self.bounding_radius = float(np.linalg.norm(corners - self.centre, axis=1).max())
         self.is_digging = is_digging
+        self.pushes_ground = is_digging and not is_milling
         self.records = np.empty((2, POSE_SIZE))
         pack_motion(pose, pose, *self.records)
 

@@ -48,6 +48,7 @@ class ToolMotion(NamedTuple):
     hull: NDArray[np.float64]
     first_plane: NDArray[np.int64]
     is_digging: NDArray[np.bool_]
+    pushes_ground: NDArray[np.bool_]
     poses: NDArray[np.float64]
     path: NDArray[np.float64]
     twist: NDArray[np.float64]
@@ -67,6 +68,8 @@ class ToolSet:
         hull: half-spaces of the convex hulls, tool by tool, shape (planes, 4), see `tools.plane`.
         first_plane: first half-space of each tool, and the end, shape (tools + 1,), int64.
         is_digging: which tools enter the ground, shape (tools,).
+        pushes_ground: which of them the ground ahead fails before, shape (tools,), see
+            `contacts.failing_ground`.
         sphere: bounding spheres, tool frame, shape (tools, 4), slots `SPHERE_CENTRE` and
             `SPHERE_RADIUS`.
         poses: packed poses at the start and at the end of a step, shape (2, tools, 12).
@@ -159,6 +162,7 @@ class ToolSet:
         num_planes = [len(hull) for hull in hulls]
         self.first_plane = np.concatenate([[0], np.cumsum(num_planes)]).astype(np.int64)
         self.is_digging = np.array([tool.is_digging for tool in self.tools], dtype=np.bool_)
+        self.pushes_ground = np.array([tool.pushes_ground for tool in self.tools], dtype=np.bool_)
         self.poses = np.zeros((2, count, POSE_SIZE))
         for t, tool in enumerate(self.tools):
             self.poses[:, t] = tool.records
@@ -168,7 +172,8 @@ class ToolSet:
         self.wrench = np.zeros((count, TWIST_SIZE))
         self.motion = ToolMotion(
             self.plates, self.tool_of_plate, self.first_plate, self.sphere, self.hull,
-            self.first_plane, self.is_digging, self.poses, self.path, self.twist, self.wrench,
+            self.first_plane, self.is_digging, self.pushes_ground, self.poses, self.path,
+            self.twist, self.wrench,
         )  # fmt: skip
         self.boxed_motion: BoxedTable = box_table(self.motion)
 

@@ -25,6 +25,7 @@ class BedInteraction:
     """How a bed acts on soil; see `ToolInteraction`."""
 
     is_digging = False
+    is_milling = False
     key_points: NDArray[np.float64] = np.zeros((0, 3))
 
     def __init__(self, shape: BedShape, tool_id: int) -> None:

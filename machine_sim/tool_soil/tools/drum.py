@@ -25,6 +25,7 @@ class DrumInteraction:
     """How a cutting drum acts on soil; see `ToolInteraction`."""
 
     is_digging = True
+    is_milling = True
 
     def __init__(self, shape: DrumShape, tool_id: int) -> None:
         """

@@ -144,9 +144,11 @@ class ToolInteraction(Protocol):
 
     Attributes:
         is_digging: whether the tool excavates: it has pending soil and resistance.
+        is_milling: whether it excavates as a drum does.
     """
 
     is_digging: bool
+    is_milling: bool
 
     @property
     def key_points(self) -> Array:

@@ -25,6 +25,7 @@ class PlateCutting:
     """How a tool that cuts with an edge acts on soil; see `ToolInteraction`."""
 
     is_digging = True
+    is_milling = False
 
     def __init__(self, shape: PlateCuttingShape, tool_id: int) -> None:
         """

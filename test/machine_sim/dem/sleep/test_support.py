@@ -39,7 +39,11 @@ def supported_rows(
             np.zeros((1, 1), np.float32), np.array([0]), np.array([len(pairs)]),
         ),
         PlateCandidates(np.array(on_plate), np.zeros(len(on_plate), np.int64)),
-        GroundContacts(np.array(on_ground, np.int64), np.tile([0, 0, 1.0, 0], (len(on_ground), 1))),
+        GroundContacts(
+            np.array(on_ground, np.int64),
+            np.tile([0, 0, 1.0, 0], (len(on_ground), 1)),
+            np.zeros((len(on_ground), 3)),
+        ),
     )  # fmt: skip
     on_tool, on_other = np.zeros(COUNT, np.bool_), np.zeros(COUNT, np.bool_)
     trace_support(
