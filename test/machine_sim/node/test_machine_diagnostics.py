@@ -56,7 +56,14 @@ class Scene:
         self.diagnostics.start_run(self.run)
         self.update()
 
-    def set_problem(self, text: str, level: Level = Level.WARN, *, condition: str = "") -> None:
+    def set_problem(
+        self,
+        text: str,
+        level: Level = Level.WARN,
+        *,
+        condition: str = "",
+        is_persistent: bool = False,
+    ) -> None:
         self.problems[condition] = (text, level)
 
     def seconds(self, count: int, *, ticks: int, skipped: int = 0, load: float = 0.5) -> Level:

@@ -36,7 +36,14 @@ class FakeDiagnostics:
     def set(self, key: str, value: Any) -> None:
         self.values[key] = value
 
-    def problem(self, text: str, level: Level = Level.WARN, *, condition: str = "") -> None:
+    def problem(
+        self,
+        text: str,
+        level: Level = Level.WARN,
+        *,
+        condition: str = "",
+        is_persistent: bool = False,
+    ) -> None:
         self.problems[condition] = (text, level)
 
     def clear(self, condition: str = "") -> None:
