@@ -16,7 +16,6 @@ from machine_sim.dem.sleep.sleep_manager import SleepManager
 from machine_sim.dem.sleep.sleep_state import AWAKE, MovingRows
 from machine_sim.dem.soil_engine import SoilEngine, read_only
 from machine_sim.dem.state import ParticleError
-from machine_sim.dem.tools.pose import Pose
 from machine_sim.dem.tools.rigid_tool import RigidTool
 from machine_sim.dem.tools.tool_set import ToolSet
 from machine_sim.ground.contact_surface import Ground
@@ -162,18 +161,7 @@ class ParticleEngine(SoilEngine):
 
     # Tools.
 
-    def add_tool(
-        self,
-        tool_id: int,
-        plates: Sequence[ArrayLike],
-        pose: Pose,
-        *,
-        is_digging: bool = True,
-        is_milling: bool = False,
-    ) -> None:
-        """Add a tool; see `SoilEngine.add_tool`."""
-        tool = RigidTool(plates, pose, is_digging=is_digging, is_milling=is_milling)
-        self._tools.add(tool_id, tool)
+    def _include_tool(self, tool_id: int, tool: RigidTool, plates: Sequence[ArrayLike]) -> None:
         self._sleep_manager.add_tool(tool)
         # The tool may touch soil that sleeps.
         rotation, origin = tool.start

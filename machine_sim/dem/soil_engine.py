@@ -16,6 +16,7 @@ from machine_sim.dem.materials import ContactCoefficients, ContactMaterials
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.state import ParticleError, ParticleState
 from machine_sim.dem.tools.pose import ANGULAR, Pose
+from machine_sim.dem.tools.rigid_tool import RigidTool
 from machine_sim.dem.tools.tool_set import ToolSet
 from machine_sim.ground.contact_surface import Ground
 from msg_bridge.contract.loose_soil import LooseSoil
@@ -167,7 +168,6 @@ class SoilEngine(ABC):
 
     # Tools.
 
-    @abstractmethod
     def add_tool(
         self,
         tool_id: int,
@@ -191,6 +191,13 @@ class SoilEngine(ABC):
         Raises:
             ParticleError: the id is in use, or a plate or the pose is invalid.
         """
+        tool = RigidTool(plates, pose, is_digging=is_digging, is_milling=is_milling)
+        self._tools.add(tool_id, tool)
+        self._include_tool(tool_id, tool, plates)
+
+    @abstractmethod
+    def _include_tool(self, tool_id: int, tool: RigidTool, plates: Sequence[ArrayLike]) -> None:
+        """Take over a tool that was added, made of plates as given to `add_tool`."""
 
     @abstractmethod
     def remove_tool(self, tool_id: int) -> None:

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.soil_engine import SoilEngine
-from machine_sim.dem.tools.pose import Pose
 from machine_sim.dem.tools.rigid_tool import RigidTool
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.physics_engine import pybullet
@@ -143,18 +142,7 @@ class CubeEngine(SoilEngine):
 
     # Tools.
 
-    def add_tool(
-        self,
-        tool_id: int,
-        plates: Sequence[ArrayLike],
-        pose: Pose,
-        *,
-        is_digging: bool = True,
-        is_milling: bool = False,
-    ) -> None:
-        """Add a tool; see `SoilEngine.add_tool`."""
-        tool = RigidTool(plates, pose, is_digging=is_digging, is_milling=is_milling)
-        self._tools.add(tool_id, tool)
+    def _include_tool(self, tool_id: int, tool: RigidTool, plates: Sequence[ArrayLike]) -> None:
         self._plates.add(tool_id, tool, plates, self._tool_friction())
 
     def remove_tool(self, tool_id: int) -> None:

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from support.fake_diagnostics import FakeDiagnostics
 
 from machine_sim.machine_contacts import MachineContact
 from machine_sim.node.machine_diagnostics import MachineDiagnostics
@@ -21,7 +22,9 @@ class Scene:
     """A machine node in a run of which only the progress matters, and what it reports."""
 
     def __init__(self, *, realtime: bool = True) -> None:
-        self.now, self.values, self.problems = 100.0, {}, {}
+        self.now, fake = 100.0, FakeDiagnostics()
+        self.values: dict[str, Any] = fake.values
+        self.problems = fake.problems
         self.contacts: list[MachineContact] = []
         particles = SimpleNamespace(
             count=0,
@@ -43,28 +46,14 @@ class Scene:
             ),
             endpoint=SimpleNamespace(exchange=exchange),
         )
-        diagnostics: Any = SimpleNamespace(
-            add_task=lambda task: setattr(self, "update", task),
-            set=self.values.__setitem__,
-            problem=self.set_problem,
-            clear=lambda condition="": self.problems.pop(condition, None),
-        )
         # The machines of this run are of no matter, so that two bins stand for them.
+        diagnostics: Any = fake
         self.diagnostics = MachineDiagnostics(
             diagnostics, [], bins=("digger", "truck"), now=lambda: self.now
         )
         self.diagnostics.start_run(self.run)
-        self.update()
-
-    def set_problem(
-        self,
-        text: str,
-        level: Level = Level.WARN,
-        *,
-        condition: str = "",
-        is_persistent: bool = False,
-    ) -> None:
-        self.problems[condition] = (text, level)
+        fake.update()
+        self.fake = fake
 
     def seconds(self, count: int, *, ticks: int, skipped: int = 0, load: float = 0.5) -> Level:
         """Let seconds pass with ticks made and skipped in each; return the last level."""
@@ -74,7 +63,7 @@ class Scene:
                 self.diagnostics.record_tick(load * TICK)
             made, passed = self.run.progress
             self.run.progress = TickProgress(made + ticks, passed + ticks + skipped)
-            self.update()
+            self.fake.update()
         return self.problems.get("overload", ("", Level.OK))[1]
 
 
@@ -127,16 +116,16 @@ def test_machines_that_touch_are_reported_with_their_force() -> None:
     scene = Scene()
     contact = MachineContact((0, 1), 1.0, 1.2, 853e3, (1.0, 2.0, 3.0))
     scene.contacts = [contact]
-    scene.update()
+    scene.fake.update()
     text, level = scene.problems["contacts"]
     assert "digger and truck" in text
     assert "853 kN" in text
     assert level is Level.WARN
     scene.contacts = [replace(contact, is_over=True)]
-    scene.update()
+    scene.fake.update()
     assert "digger and truck touched" in scene.problems["contacts"][0]
     scene.contacts = []
-    scene.update()
+    scene.fake.update()
     assert "contacts" not in scene.problems
 
 

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from support.fake_diagnostics import FakeDiagnostics
 from support.soil_scenes import bucket_sweep, flat_soil, make_deposit_requests
 
 from msg_bridge.contract.rows import MAP_UPDATE, empty_rows
@@ -21,33 +22,6 @@ from soil_sim.terrain import flat
 
 TICK = 0.01
 AT_REST = bucket_sweep((0, 0, 1), (0, 0, 1))
-
-
-class FakeDiagnostics:
-    """Values and problems that were set last."""
-
-    def __init__(self) -> None:
-        self.values: dict[str, Any] = {}
-        self.problems: dict[str, tuple[str, Level]] = {}
-
-    def add_task(self, task: Any) -> None:
-        self.update = task
-
-    def set(self, key: str, value: Any) -> None:
-        self.values[key] = value
-
-    def problem(
-        self,
-        text: str,
-        level: Level = Level.WARN,
-        *,
-        condition: str = "",
-        is_persistent: bool = False,
-    ) -> None:
-        self.problems[condition] = (text, level)
-
-    def clear(self, condition: str = "") -> None:
-        self.problems.pop(condition, None)
 
 
 class Scene:
