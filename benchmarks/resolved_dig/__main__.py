@@ -15,15 +15,15 @@ from benchmarks.resolved_dig.comparison import (
     write_tables,
 )
 from benchmarks.resolved_dig.dig import record_dig
-from benchmarks.resolved_dig.liggghts_bed import Bed, dig_in_liggghts
+from benchmarks.resolved_dig.liggghts_bed import RADIUS, dig_in_liggghts
 
 
 def main() -> int:
     """Run both; return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "--radius", type=float, default=0.0255,
-        help="radius of the spheres [m]; 0.0255 makes 112,000, which take 25 minutes",
+        "--radius", type=float, default=RADIUS,
+        help="radius of the spheres [m]; the default makes 112,000, which take 25 minutes",
     )  # fmt: skip
     parser.add_argument(
         "--recorded", type=Path, metavar="FOLDER",
@@ -39,7 +39,7 @@ def main() -> int:
         else:
             print(f"now LIGGGHTS, with spheres of {args.radius:g} m", flush=True)
             with tempfile.TemporaryDirectory() as temporary:
-                resolved = dig_in_liggghts(dig, Bed(args.radius), Path(temporary))
+                resolved = dig_in_liggghts(dig, args.radius, Path(temporary))
     except (LiggghtsError, OSError, ValueError) as error:
         print(error, file=sys.stderr)
         return 2

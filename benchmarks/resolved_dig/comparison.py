@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from benchmarks.resolved_dig.dig import DigRecord
-from earthmoving_sim.pictures.style import CUT, DPI, FILL, LABEL, SMALL, add_axes, new_figure
+from earthmoving_sim.pictures.style import CUT, DPI, FILL, add_axes, label_chart, new_figure
 
 __all__ = ["Comparison", "compare", "draw_comparison", "read_tables", "write_tables"]
 
@@ -132,9 +131,9 @@ def draw_comparison(path: Path, digs: dict[str, DigRecord]) -> None:
         fill.plot(dig.times[known], dig.fill[known], color=colour, label=name)
         ground.plot(dig.x, dig.profile, color=colour, label=name)
     ground.set_xlim(3.2, 8.2)
-    _label(force, "Force on the bucket", "time [s]", "kN")
-    _label(fill, "Soil below the opening", "time [s]", "m³")
-    _label(ground, "Ground at the end, mean over 0.6 m", "x [m]", "height [m]")
+    label_chart(force, "Force on the bucket", "time [s]", "kN")
+    label_chart(fill, "Soil below the opening", "time [s]", "m³")
+    label_chart(ground, "Ground at the end, mean over 0.6 m", "x [m]", "height [m]")
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=DPI)
 
@@ -153,14 +152,6 @@ def _work(dig: DigRecord) -> float:
     """Return the work of the bucket pin against the force [J], without that of rotation."""
     steps = np.diff(dig.origin, axis=0)
     return float(-(dig.force[1:] * steps).sum())
-
-
-def _label(axes: Axes, title: str, x: str, y: str) -> None:
-    axes.set_title(title, fontsize=LABEL, loc="left")
-    axes.set_xlabel(x, fontsize=SMALL)
-    axes.set_ylabel(y, fontsize=SMALL)
-    axes.tick_params(labelsize=SMALL)
-    axes.legend(fontsize=SMALL, frameon=False)
 
 
 def _write_csv(path: Path, names: list[str], columns: list[Array]) -> None:

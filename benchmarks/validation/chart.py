@@ -15,10 +15,9 @@ from earthmoving_sim.pictures.style import (
     DPI,
     FILL,
     GREY,
-    INK,
-    LABEL,
     SMALL,
     add_axes,
+    label_chart,
     new_figure,
 )
 
@@ -60,7 +59,7 @@ def _draw_runout(axes: Axes, collapses: dict[str, list[CollapseResult]]) -> None
         axes.plot(aspects, expected, color=colour, linewidth=1.0, label=f"{name}, Lube et al.")
         axes.plot([each.aspect for each in results], [each.runout for each in results], "o",
                   color=colour, markersize=5, label=f"{name}, simulated")  # fmt: skip
-    _label_axes(
+    label_chart(
         axes, "Runout of a column", "height / radius or length", "runout / radius or length"
     )
 
@@ -79,7 +78,7 @@ def _draw_flow(axes: Axes, flows: list[Flow]) -> None:
     labels = [f"{opening:g} - {EMPTY_ANNULUS:g}" for opening in openings]
     axes.set_xticks(openings - EMPTY_ANNULUS, labels)
     axes.minorticks_off()
-    _label_axes(axes, "Outflow of a bin", "hole - 1.4, in particle diameters", "particles/s")
+    label_chart(axes, "Outflow of a bin", "hole - 1.4, in particle diameters", "particles/s")
 
 
 def _draw_angle(axes: Axes, angles: dict[str, tuple[float, float]]) -> None:
@@ -91,12 +90,4 @@ def _draw_angle(axes: Axes, angles: dict[str, tuple[float, float]]) -> None:
     axes.plot(expected, measured, "o", color=FILL, markersize=5, label="simulated")
     for name, x, y in zip(angles, expected, measured, strict=True):
         axes.annotate(name, (x, y), xytext=(6, -9), textcoords="offset points", size=SMALL)
-    _label_axes(axes, "Angle of a poured heap", "angle of repose [deg]", "measured angle [deg]")
-
-
-def _label_axes(axes: Axes, title: str, x: str, y: str) -> None:
-    """Add title, axis labels and legend."""
-    axes.set_title(title, size=LABEL, color=INK, loc="left")
-    axes.set_xlabel(x, size=LABEL, color=INK)
-    axes.set_ylabel(y, size=LABEL, color=INK)
-    axes.legend(fontsize=SMALL, frameon=False)
+    label_chart(axes, "Angle of a poured heap", "angle of repose [deg]", "measured angle [deg]")

@@ -31,6 +31,7 @@ __all__ = [
     "add_colour_bar",
     "add_title",
     "halo",
+    "label_chart",
     "label_metres",
     "new_figure",
     "nice_length",
@@ -116,6 +117,14 @@ def label_metres(axes: Axes, x: str, y: str) -> None:
     """Label both axes with their quantity and the unit."""
     axes.set_xlabel(f"{x} [m]", size=LABEL, color=INK)
     axes.set_ylabel(f"{y} [m]", size=LABEL, color=INK)
+
+
+def label_chart(axes: Axes, title: str, x: str, y: str) -> None:
+    """Add a title at the left, axis labels, and a legend of what was drawn."""
+    axes.set_title(title, size=LABEL, color=INK, loc="left")
+    axes.set_xlabel(x, size=LABEL, color=INK)
+    axes.set_ylabel(y, size=LABEL, color=INK)
+    axes.legend(fontsize=SMALL, frameon=False)
 
 
 def halo(width: float = 2.5, colour: str = "white") -> list[AbstractPathEffect]:
