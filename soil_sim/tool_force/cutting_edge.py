@@ -29,6 +29,10 @@ ahead of it, so uneven ground, mixed soils and an edge partly in the air need no
   cube of the depth beside them.
 - **Surcharge** is the weight of the soil above the top of the tool, up to the height of the tool.
   Soil *in* the tool is not a surcharge, because its particles press on the tool themselves.
+- **Carried soil.** The wedge reaches from the failure plane to the face of the tool. What lies
+  between the face and the vertical through the edge is in a bucket already, as particles, whose
+  weight the bucket bears. The force of the ground ahead on the bucket and that soil is therefore
+  the force on the face, and upward the weight of that soil.
 - **Soil** has the kind and moisture of the column ahead. Cohesion counts for the firm part of the
   depth, up to the height of the tool; the unit weight is the mean of firm and loose soil there.
   Soil that the tool pushes ahead heaps up on the column: first the depth increases with it, then
@@ -46,10 +50,15 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_bridge.kernels import helper
-from soil_sim.tool_force.failure_wedge import wedge_force
+from soil_sim.tool_force.failure_wedge import MIN_RAKE, wedge_force
 from soil_sim.tool_force.rock_pick import goktan_force
 from soil_sim.tool_force.strength_table import loose_cover, packed_share
-from soil_sim.tool_force.surface_ahead import NUM_SAMPLES, depth_at, surface_ahead
+from soil_sim.tool_force.surface_ahead import (
+    NUM_SAMPLES,
+    area_to_face,
+    depth_at,
+    surface_ahead,
+)
 from soil_sim.tool_force.uneven_surface import uneven_surface_factor
 from soil_sim.tool_force.wrench import add_force
 from soil_sim.vec3 import add, cross, divide, dot, key_point, norm, scale, subtract
@@ -89,6 +98,7 @@ class _Travel(NamedTuple):
         width: width of the edge across the travel [m].
         rake: rake of the plate [rad], 0 if the outer face leads.
         height: height of the tool above its edge [m].
+        carries_soil: whether the inner face leads and has other plates around it, as in a bucket.
         climb: angle of the travel to the horizontal [rad].
         dive_factor: fraction of the depth that resists if the edge dives; 0 if the edge does not
             cut.
@@ -100,6 +110,7 @@ class _Travel(NamedTuple):
     width: float
     rake: float
     height: float
+    carries_soil: bool
     climb: float
     dive_factor: float
 
@@ -107,7 +118,7 @@ class _Travel(NamedTuple):
 @helper(forceinline=True)
 def _travel(points):  # type: ignore[no-untyped-def]
     """Return the travel of a tool from its key points, shape (rows, 2, 3)."""
-    none = _Travel((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.0, 0.0, 0.0)
+    none = _Travel((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0), 0.0, 0.0, 0.0, False, 0.0, 0.0)
     left, right = key_point(points, 0, 1), key_point(points, 1, 1)
     edge = scale(0.5, add(left, right))
     displacement = subtract(edge, scale(0.5, add(key_point(points, 0, 0), key_point(points, 1, 0))))
@@ -143,7 +154,8 @@ def _travel(points):  # type: ignore[no-untyped-def]
     if ahead > 1e-6:
         ax, ay = ax / ahead, ay / ahead
     rake = math.atan2(max(plate_beside, 0.0), plate_behind)
-    return _Travel(t, n, (ax, ay), width, rake, top - edge[2], climb, dive_factor)
+    carries_soil = not is_single_plate and plate_beside > 0.0
+    return _Travel(t, n, (ax, ay), width, rake, top - edge[2], carries_soil, climb, dive_factor)
 
 
 @helper(allocates=True, forceinline=True)
@@ -183,12 +195,18 @@ def add_edge_force(points, origin, columns, grid_layout, strength, sums):  # typ
         if depth <= 0.0:
             continue
         num_ends = ends[0] if strip == 0 else ends[1] if strip == NUM_STRIPS - 1 else 0.0
-        cutting, normal = blade_strip_force(
-            surface, samples, travel.height, depth, width, (num_ends, ends_per_width),
-            _rake_below(points, travel, max(below, surface.at_edge)), turn, columns, strength,
+        rake = _rake_below(points, travel, max(below, surface.at_edge))
+        cutting, normal, gamma = blade_strip_force(
+            surface, samples, travel.height, depth, width, (num_ends, ends_per_width), rake, turn,
+            columns, strength,
         )  # fmt: skip
+        fx, fy, fz = subtract(scale(normal, n), scale(cutting, t))
+        if travel.carries_soil:
+            # Of the depth that resists, as the force.
+            area = area_to_face(surface.at_edge, surface.near_tangent, max(rake - turn, MIN_RAKE))
+            fz += gamma * width * max(area, 0.0) * (depth / below) ** 2
         x, y, z = subtract(at, origin)
-        add_force(sums, (x, y, z + depth / 3.0), subtract(scale(normal, n), scale(cutting, t)))
+        add_force(sums, (x, y, z + depth / 3.0), (fx, fy, fz))
 
 
 @helper
@@ -272,7 +290,7 @@ def _end_fraction(end, outward, travel, columns, grid_layout, samples):  # type:
 def blade_strip_force(  # type: ignore[no-untyped-def]
     surface, samples, height, depth, width, ends, rake, turn, columns, strength
 ):
-    """Return the forces on a strip of a blade: (against the travel, perpendicular to it) [N].
+    """Return the forces on a strip of a blade, and the unit weight of the soil that it cuts.
 
     Args:
         surface: `SurfaceAhead` of the strip.
@@ -286,6 +304,10 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
         turn: angle by which the travel turns the blade [rad]; see `_turn_and_depth_factor`.
         columns: `ForceColumns` of the terrain.
         strength: `strength_table` of its kinds of soil.
+
+    Returns:
+        (force against the travel [N], force perpendicular to it [N], unit weight of the soil in the
+        failure wedge, 0 in rock [N/m^3]).
     """
     i, below, above = surface.column, surface.depth, min(surface.cover, height)
     # The loose soil is on top: that above the tool is a surcharge, and no part of the cut.
@@ -298,7 +320,7 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
     if above > 0.0:
         firm_above = min(max(firm_depth - below, 0.0), above)
         surcharge = strength[columns.soil[i]].gamma * firm_above + gamma * (above - firm_above)
-    cutting = normal = 0.0
+    cutting = normal = wedge_gamma = 0.0
     if firm_fraction > 0.0 and strength[kind].tensile_strength > 0.0:  # rock
         num_picks = width / _TOOTH_SPACING
         cutting = num_picks * goktan_force(
@@ -312,7 +334,7 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
         packed = packed_share(columns, i, firm_depth - firm_in_cut, firm_in_cut)
         shrinkage = columns.shrinkage[kind]
         firm_gamma = strength[kind].gamma * (1.0 + packed * shrinkage / (1.0 - shrinkage))
-        gamma = firm_fraction * firm_gamma + (1.0 - firm_fraction) * gamma
+        gamma = wedge_gamma = firm_fraction * firm_gamma + (1.0 - firm_fraction) * gamma
         cohesion = firm_fraction * strength[kind].cohesion[columns.moisture[i]]
         cohesion *= 1.0 + packed * (strength[kind].packed_strength - 1.0)
         adhesion = strength[kind].adhesion[columns.moisture[i]]
@@ -331,4 +353,5 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
     return (
         cutting + horizontal * cos - vertical * sin,
         normal + horizontal * sin + vertical * cos,
+        wedge_gamma,
     )

@@ -68,7 +68,7 @@ def add_side_plate_force(points, origin, columns, grid_layout, strength, sums): 
         depth = surface.depth
         if surface.column < 0 or depth < 1e-6:
             continue
-        cutting, _ = blade_strip_force(
+        cutting, _, _ = blade_strip_force(
             surface, samples, top - bottom, depth, width * abs(lateral_fraction), (0.0, 0.0),
             0.5 * math.pi, 0.0, columns, strength,
         )  # fmt: skip

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from msg_bridge.kernels import helper
 from soil_sim.tool_force.strength_table import column_index_at, loose_cover
 
-__all__ = ["NUM_SAMPLES", "SurfaceAhead", "depth_at", "surface_ahead"]
+__all__ = ["NUM_SAMPLES", "SurfaceAhead", "area_to_face", "depth_at", "surface_ahead"]
 
 NUM_SAMPLES = 7
 """Number of samples of the surface ahead of a strip."""
@@ -28,6 +28,9 @@ _WEDGE_LENGTH = 2.0
 _CLEARANCE_CELLS = 1.5
 """Distance from an edge, along the grid, at which a bilinear sample uses no column that the edge is
 in [cells]."""
+
+_MIN_SINE = 0.05
+"""Minimum sine of the angle between a face and the surface."""
 
 _MAX_TANGENT = 1.0
 """Maximum slope of the line, as a tangent: steeper soil is a step, and not a surface to extend."""
@@ -181,3 +184,16 @@ def _position_between_columns(x, y, grid_layout):  # type: ignore[no-untyped-def
     v = min(max((y_first - y) / cell, 0.0), cols - 1.0)
     row, col = min(int(u), rows - 2), min(int(v), cols - 2)
     return row * cols + col, u - row, v - col
+
+
+@helper(forceinline=True)
+def area_to_face(height, tangent, face):  # type: ignore[no-untyped-def]
+    """Return the area behind an edge, between the face and a surface that is extended [m^2].
+
+    Args:
+        height: of the surface above the edge [m].
+        tangent: slope with which it rises ahead.
+        face: angle of the face to the horizontal [rad].
+    """
+    cos = math.cos(face)
+    return 0.5 * height * height * cos / max(math.sin(face) + cos * tangent, _MIN_SINE)

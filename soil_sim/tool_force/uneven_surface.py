@@ -18,12 +18,12 @@ import math
 
 from msg_bridge.kernels import helper
 from soil_sim.tool_force.failure_wedge import clamp_angles
-from soil_sim.tool_force.surface_ahead import NUM_SAMPLES
+from soil_sim.tool_force.surface_ahead import NUM_SAMPLES, area_to_face
 
 __all__ = ["uneven_surface_factor"]
 
 _MIN_SINE = 0.05
-"""Minimum sine of rho + delta + beta + phi, and of the angle between face and surface."""
+"""Minimum sine of rho + delta + beta + phi."""
 
 
 @helper
@@ -47,8 +47,8 @@ def uneven_surface_factor(  # type: ignore[no-untyped-def]
     tangent = math.tan(surface.slope)
     h_edge, line_edge = max(surface.at_edge, 0.0), surface.line_depth
     # Behind the edge, up to the face.
-    area = _area_to_face(h_edge, surface.near_tangent, face)
-    line_area = _area_to_face(line_edge, tangent, face)
+    area = area_to_face(h_edge, surface.near_tangent, face)
+    line_area = area_to_face(line_edge, tangent, face)
     least = line_least = math.inf
     s, h, line = 0.0, h_edge, line_edge
     for k in range(NUM_SAMPLES):
@@ -70,19 +70,6 @@ def uneven_surface_factor(  # type: ignore[no-untyped-def]
     if not 0.0 < least < math.inf or not 0.0 < line_least < math.inf:
         return 1.0
     return least / line_least
-
-
-@helper(forceinline=True)
-def _area_to_face(height, tangent, face):  # type: ignore[no-untyped-def]
-    """Return the area behind an edge, between the face and a surface that is extended [m^2].
-
-    Args:
-        height: of the surface above the edge [m].
-        tangent: slope with which it rises ahead.
-        face: angle of the face to the horizontal [rad].
-    """
-    cos = math.cos(face)
-    return 0.5 * height * height * cos / max(math.sin(face) + cos * tangent, _MIN_SINE)
 
 
 @helper(forceinline=True)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.soil_scenes import NO_DEPOSIT_REQUESTS, tool_sweep
 
+from msg_bridge.contract.constants import GRAVITY
 from msg_bridge.contract.grid import Grid
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
@@ -84,12 +85,17 @@ def test_force_is_that_of_the_plane_of_least_resistance(surface, rake, cell) -> 
     assert ratio == pytest.approx(min_push(surface, angle) / min_push(np.zeros_like, angle), 0.05)
 
 
-def test_curved_plate_has_the_rake_of_its_chord_below_the_surface() -> None:
-    """A plate with a fold at half the depth, that ends high above the ground."""
+def test_curved_plate_has_the_rake_of_its_chord_and_carries_the_soil_over_it() -> None:
+    """A plate with a fold at half the depth, that ends high above the ground.
+
+    As a bucket, it bears the weight of the soil between its face and the vertical through the edge
+    as the weight of particles: the ground does not press that weight on it again.
+    """
     fold, rise = (-0.30, 0.5 * DEPTH), DEPTH / 0.10
     curved = [(0.0, 0.0), fold, (fold[0] - 1.0 / rise, fold[1] + 1.0)]
     at_surface = (fold[0] - 0.5 * DEPTH / rise, DEPTH)
     chord = math.atan2(at_surface[1], -at_surface[0])
+    carried = 0.5 * DEPTH * -at_surface[0] * WIDTH * SAND.density * GRAVITY
     assert force(np.zeros_like, curved) == pytest.approx(
-        force(np.zeros_like, plate(chord)), rel=1e-3, abs=1.0
+        force(np.zeros_like, plate(chord)) + np.array([0.0, 0.0, carried]), rel=1e-3, abs=1.0
     )
