@@ -36,6 +36,7 @@ from numba.core.caching import (
 from numba.core.runtime.nrt import rtsys
 
 from msg_bridge.kernels.compilation import kernel_state
+from msg_bridge.kernels.linking_bitcode import parse_when_linked
 
 __all__ = ["CodeDigests", "KernelFiles", "cached"]
 
@@ -256,6 +257,14 @@ class KernelFiles(IndexDataCacheFile):
 
 class _KernelCacheImpl(CompileResultCacheImpl):
     _locator_classes = [_UserProvided, _InTree, _UserWide]  # noqa: RUF012
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        """Return the kernel of a cache entry."""
+        result = super().rebuild(target_context, payload)  # type: ignore[no-untyped-call]
+        _, kind, code = payload[0]
+        if kind == "object":  # with the bitcode for linking
+            parse_when_linked(result.library, code[1])
+        return result
 
 
 class _KernelCache(FunctionCache):

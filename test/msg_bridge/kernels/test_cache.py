@@ -193,3 +193,40 @@ def test_code_that_is_out_of_date_is_neither_loaded_nor_kept(tmp_path: Path) -> 
         files.save("float", stamp)
         assert [files.load(each) for each in ("int", "float")] == [stamp, stamp]
     assert len(list(tmp_path.glob("*.nbc"))) == 2
+
+
+DOUBLE = """\
+from msg_bridge.kernels import kernel
+
+@kernel
+def double(x):
+    return 2.0 * x
+"""
+COUNT_BITCODE = """\
+import gc
+from double_kernel import double
+from llvmlite.binding import ModuleRef
+
+double(1.0)
+modules = [each for each in gc.get_objects() if isinstance(each, ModuleRef) and not each.closed]
+functions = [each for module in modules for each in module.functions if not each.is_declaration]
+print(sum("double" in each.name for each in functions))
+"""
+QUADRUPLE = """\
+from double_kernel import double
+from msg_bridge.kernels import kernel
+
+@kernel
+def quadruple(x):
+    return 2.0 * double(x)
+
+double(1.0)
+print(len(double.stats.cache_hits), quadruple(1.5))
+"""
+
+
+def test_bitcode_of_a_loaded_kernel_takes_memory_only_if_another_is_linked_with_it(tmp_path):
+    (tmp_path / "double_kernel.py").write_text(DOUBLE)
+    assert int(run_script(tmp_path, COUNT_BITCODE)) > 0  # it is compiled
+    assert int(run_script(tmp_path, COUNT_BITCODE)) == 0
+    assert run_script(tmp_path, QUADRUPLE) == "1 6.0\n"
