@@ -10,6 +10,7 @@ Modules in the order of use:
 - `bag_file`: one file of a bag being written, with all topics of the bag
 - `writer`: writes one bag into a folder, readable up to its last chunk at any time
 - `message_loss`: counts messages and rows that were sent and not received
+- `compressed_message`: decompresses messages that were compressed one by one
 - `mcap_index`: finds the chunks and messages of an MCAP file, finished or not
 - `bag_files`: the MCAP files of a bag
 - `terrain_deltas`: topics on which terrain maps are recorded as deltas, and the maps they restore

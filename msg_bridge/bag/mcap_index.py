@@ -21,6 +21,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import breakup_chunk, get_chunk_data_stream
 
+from msg_bridge.bag.compressed_message import decompress_message
 from msg_bridge.bag.damage_text import describe_damage
 from msg_bridge.bag.mcap_records import (
     CHECKSUM,
@@ -270,7 +271,7 @@ def read_records(file: McapFile, stream: IO[bytes], segment: FileSegment) -> lis
 
 
 class RecordedMessage(NamedTuple):
-    """A message as it was recorded: channel id, log time [ns] and bytes."""
+    """A message as it was recorded: channel id, log time [ns] and bytes, decompressed."""
 
     channel: int
     log_time: int
@@ -301,14 +302,14 @@ def _messages_in(data: bytes, channels: Container[int]) -> list[RecordedMessage]
     """Return the messages of some channels in the records of a chunk.
 
     Raises:
-        ValueError: the records are cut short; or struct.error.
+        ValueError: the records are cut short; or struct.error, or zstandard.ZstdError.
     """
     found, end = [], 0
     for opcode, begin, end in records_in(data):
         if opcode == Opcode.MESSAGE:
             channel, _, log_time, _ = MESSAGE_HEADER.unpack_from(data, begin)
             if channel in channels:
-                content = data[begin + MESSAGE_HEADER.size : end]
+                content = decompress_message(data[begin + MESSAGE_HEADER.size : end])
                 found.append(RecordedMessage(channel, log_time, content))
     if end < len(data):
         raise ValueError("its last record is cut short")

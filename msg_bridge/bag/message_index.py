@@ -14,12 +14,14 @@ from pathlib import Path
 from typing import IO
 
 import numpy as np
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk
 from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
 
+from msg_bridge.bag.compressed_message import decompress_message
 from msg_bridge.bag.mcap_index import BagReadError, FileSegment, McapFile, damage
 from msg_bridge.bag.mcap_records import MESSAGE_HEADER, RECORD_HEADER, records_in
 from msg_bridge.bag.terrain_deltas import has_deltas
@@ -168,10 +170,10 @@ class MessageIndex:
             opcode, length = RECORD_HEADER.unpack_from(data, offset)
             if opcode != Opcode.MESSAGE:
                 raise ValueError(f"its index names a record of kind {opcode} as a message")
-        except (struct.error, ValueError) as error:
+            begin = offset + RECORD_HEADER.size
+            return decompress_message(data[begin + MESSAGE_HEADER.size : begin + length])
+        except (struct.error, ValueError, zstandard.ZstdError) as error:
             raise self._damage(segment_number, error) from error
-        begin = offset + RECORD_HEADER.size
-        return data[begin + MESSAGE_HEADER.size : begin + length]
 
     def close(self) -> None:
         """Close the files."""

@@ -1,7 +1,7 @@
-"""Decompress a file that was compressed as a whole, as far as its data go, and single messages.
+"""Decompress a file that was compressed as a whole, as far as its data go.
 
 `ros2 bag record --compression-format zstd` writes `.mcap.zstd` files with `--compression-mode
-file`, and compresses the data of each message with `--compression-mode message`.
+file`.
 """
 
 from __future__ import annotations
@@ -18,13 +18,7 @@ import zstandard
 from msg_bridge.bag.atomic_file import write_error
 from msg_bridge.bag.mcap_records import ZSTD_MAGIC
 
-__all__ = [
-    "Decompressed",
-    "decompress",
-    "decompress_message",
-    "is_compressed",
-    "is_compressed_message",
-]
+__all__ = ["Decompressed", "decompress", "is_compressed"]
 
 _PIECE = 4096
 """Size of the pieces that are decompressed [bytes]; of a damaged one the begin is lost, too."""
@@ -54,24 +48,6 @@ def is_compressed(stream: IO[bytes]) -> bool:
     begin = stream.read(len(ZSTD_MAGIC))
     stream.seek(0)
     return begin == ZSTD_MAGIC
-
-
-def is_compressed_message(data: bytes) -> bool:
-    """Return whether the data of a message are compressed; those of CDR begin with a zero."""
-    return data.startswith(ZSTD_MAGIC)
-
-
-def decompress_message(data: bytes) -> bytes:
-    """Return the decompressed data of a message.
-
-    Raises:
-        zstandard.ZstdError: they are damaged, or end before their frame does.
-    """
-    frame = zstandard.ZstdDecompressor().decompressobj()
-    content: bytes = frame.decompress(data)
-    if not frame.eof:
-        raise zstandard.ZstdError("the frame has no end")
-    return content
 
 
 @contextlib.contextmanager

@@ -14,11 +14,11 @@ from mcap.records import Attachment, Channel, Message, Schema
 
 from msg_bridge.bag.atomic_file import AtomicFile
 from msg_bridge.bag.bag_files import bag_files_in
+from msg_bridge.bag.compressed_message import decompress_message, is_compressed_message
 from msg_bridge.bag.mcap_file import McapFileWriter
 from msg_bridge.bag.mcap_index import BagReadError
 from msg_bridge.bag.metadata import BagMetadata, FileMetadata, TopicMetadata, from_qos_yaml
 from msg_bridge.bag.writer import CHUNK_SIZE, COMPRESSIONS, write_metadata
-from msg_bridge.bag_recovery.compressed_file import decompress_message, is_compressed_message
 from msg_bridge.bag_recovery.output_folder import OutputFolder
 from msg_bridge.bag_recovery.salvage import Damage, SalvagedFile
 from msg_bridge.count_text import count_text

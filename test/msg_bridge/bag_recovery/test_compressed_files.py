@@ -1,4 +1,4 @@
-"""Files and messages that were compressed are recovered as far as their bytes allow."""
+"""Compressed messages are read, and compressed files recovered as far as their bytes allow."""
 
 from __future__ import annotations
 
@@ -72,6 +72,18 @@ def test_messages_that_were_compressed_one_by_one_are_decompressed(
     assert numbers_in(tmp_path / "dig-recovered") == list(range(NUMBER))
 
 
+def test_messages_that_were_compressed_one_by_one_are_read(tmp_path: Path) -> None:
+    write_bag(tmp_path / "dig", encode=zstandard.compress)
+    reader = BagReader(tmp_path / "dig")
+    texts = [text(number) for number in range(NUMBER)]
+    assert [data for _, _, data in reader.raw_messages()] == texts
+    index = reader.index([TOPIC])
+    try:
+        assert [index.read(number) for number in range(index.size)] == texts
+    finally:
+        index.close()
+
+
 def test_compressed_message_that_is_damaged_is_left_out(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -87,6 +99,15 @@ def test_compressed_message_that_is_damaged_is_left_out(
     assert main(["recover", str(tmp_path / "dig")]) == 1
     assert "2 messages left out: the compressed data are damaged" in capsys.readouterr().out
     assert numbers_in(tmp_path / "dig-recovered") == [*range(7), *range(9, NUMBER)]
+    reader = BagReader(tmp_path / "dig")
+    with pytest.raises(BagReadError, match="earthmoving recover"):
+        list(reader.raw_messages())
+    index = reader.index([TOPIC])
+    try:
+        with pytest.raises(BagReadError, match="earthmoving recover"):
+            index.read(7)
+    finally:
+        index.close()
 
 
 def test_file_beside_its_unfinished_compressed_one_is_read_once(tmp_path: Path) -> None:
