@@ -32,6 +32,16 @@ TOUCH_CONTROLS = (
     "touch-switch",
 )
 
+WHAT_COVERS_THE_BUCKET = """() => {
+    const { machine, cameras } = window.viewer.stage;
+    const { camera } = cameras;
+    const point = camera.position.clone().set(1.4, 0, 0);
+    point.applyMatrix4(machine.findLink("bucket").matrixWorld).project(camera);
+    const x = 0.5 * (1 + point.x) * innerWidth, y = 0.5 * (1 - point.y) * innerHeight;
+    return document.elementFromPoint(x, y)?.id ?? "outside of the window";
+}"""
+"""Id of the element at the cutting lip of the bucket."""
+
 TIMELINE_CONTROLS = (
     "timeline-play",
     "timeline-slider",
@@ -71,10 +81,27 @@ def test_on_screen_levers_fit_the_windows_of_phones(site: LiveSite, open_page: O
     page.wait_until(lambda: page.is_shown, site.spin, LOADED)
     page.page.get_by_test_id("touch-lever-left").wait_for()
     assert {size: bad for size in PHONES if (bad := unreachable(page, TOUCH_CONTROLS, size))} == {}
+    for width, height in PHONES:  # the tools are one row
+        page.page.set_viewport_size({"width": width, "height": height})
+        _, top, _, bottom = boxes(page, ("toolbar",))["toolbar"]
+        assert bottom - top < 60, (width, height)
     page.page.get_by_test_id("emergency-stop").click(timeout=1e3 * LOADED)
     release = ("emergency-stop-release",)
     page.page.get_by_test_id(*release).wait_for(timeout=1e3 * LOADED)
     assert {size: bad for size in PHONES if (bad := unreachable(page, release, size))} == {}
+
+
+def test_levers_on_a_phone_leave_the_bucket_free(site: LiveSite, open_page: OpenPage) -> None:
+    url = f"{site.url}?help=no&quality=low&camera=bucket"
+    page = open_page(url, width=375, height=667, is_phone=True)
+    page.wait_until(lambda: page.is_shown, site.spin, LOADED)
+
+    def is_free() -> bool:
+        return bool(page.page.evaluate(WHAT_COVERS_THE_BUCKET) == "scene")
+
+    for width, height in ((375, 667), (667, 375)):
+        page.page.set_viewport_size({"width": width, "height": height})
+        page.wait_until(is_free, site.spin, LOADED)
 
 
 def test_menu_leaves_the_emergency_stop_free_and_closes_by_escape(

@@ -29,6 +29,9 @@ const MAX_PUFFS = 640;
 /** Distances to which shadows reach [m]; the smallest that suits the camera is used. */
 const SHADOW_EXTENTS = [12, 18, 28, 45];
 
+/** Largest distance by which the center of the view is moved, as a fraction of the height of the canvas. */
+const MAX_LIFT = 0.25;
+
 /** Longest step of smoke and dust in pictures [s]. */
 const EFFECT_STEP = 1 / 30;
 
@@ -45,6 +48,8 @@ export class Stage {
   readonly effects = { smoke: true, dust: true };
   /** Id of the machine that cameras follow; empty: the first one. */
   followed = "";
+  /** Heights of the canvas that panels cover at its edges [px]. */
+  covered = { top: 0, bottom: 0 };
   /** Number of frames drawn. */
   frames = 0;
   private lastTime = 0;
@@ -131,8 +136,10 @@ export class Stage {
     this.particles.update(this.world, performance.now());
     this.terrain.upload(this.renderer);
     const { camera, focus } = this.cameras;
-    const aspect = this.canvas.clientWidth / Math.max(this.canvas.clientHeight, 1);
-    this.cameras.update({ machine: this.machine, terrain: this.world.terrain, aspect, dt });
+    const height = Math.max(this.canvas.clientHeight, 1);
+    const aspect = this.canvas.clientWidth / height;
+    const lift = clamp((0.5 * (this.covered.bottom - this.covered.top)) / height, -MAX_LIFT, MAX_LIFT);
+    this.cameras.update({ machine: this.machine, terrain: this.world.terrain, aspect, lift, dt });
     const extent = this.aimShadow();
     this.shadeUnderMachines();
     this.terrain.update(camera, this.cameras.detailEye, focus, 1.5 * extent);

@@ -27,6 +27,9 @@ export function createViewPort(stage: Stage): ViewPort {
     selectMachine: (id) => {
       stage.followed = id;
     },
+    setCovered: (top, bottom) => {
+      stage.covered = { top, bottom };
+    },
     framesPerSecond: () => quality.framesPerSecond,
     distanceTo: (machine) => {
       const view = stage.machines.views.get(machine);

@@ -75,7 +75,7 @@ export class CameraRig {
     camera.quaternion.slerpQuaternions(start.rotation, pose.rotation, share);
     camera.fov = start.fov + share * (pose.fov - start.fov);
     camera.near = Math.min(t < 1 ? start.near : pose.near, pose.near);
-    camera.aspect = context.aspect;
+    camera.setViewOffset(context.aspect, 1, 0, context.lift, context.aspect, 1); // it sets the aspect, too
     this.focus.lerpVectors(start.focus, pose.focus, share);
     camera.updateProjectionMatrix();
     camera.updateMatrixWorld();

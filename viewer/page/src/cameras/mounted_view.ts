@@ -22,6 +22,8 @@ interface MountedViewOptions {
   limits: readonly [number, number, number];
   /** Distance of what is looked at [m]. */
   reach: number;
+  /** Additional downward tilt where panels cover the lower part of the canvas [rad], to see what is below the axis. */
+  coveredTilt: number;
 }
 
 class MountedView implements CameraView {
@@ -36,13 +38,14 @@ class MountedView implements CameraView {
     this.fov = options.fov;
   }
 
-  update({ machine, terrain, aspect }: ViewContext, pose: CameraPose): void {
+  update({ machine, terrain, aspect, lift }: ViewContext, pose: CameraPose): void {
     const mount = machine && this.options.mounts.find(({ link }) => machine.findLink(link));
     const link = mount && machine.findLink(mount.link);
     if (!mount || !link) return;
     link.matrixWorld.decompose(pose.position, pose.rotation, this.scale);
     pose.position.set(...mount.position).applyMatrix4(link.matrixWorld);
-    pose.rotation.multiply(this.look.setFromEuler(this.euler.set(0, mount.tilt - this.pitch, this.yaw)));
+    const tilt = mount.tilt + (lift > 0 ? this.options.coveredTilt : 0);
+    pose.rotation.multiply(this.look.setFromEuler(this.euler.set(0, tilt - this.pitch, this.yaw)));
     pose.focus.set(this.options.reach, 0, 0).applyQuaternion(pose.rotation).add(pose.position);
     lookForward(pose.rotation);
     if (terrain) {
@@ -81,6 +84,7 @@ export function cabView(): MountedView {
     near: 0.04,
     limits: [2.4, 0.9, 1.1],
     reach: 7,
+    coveredTilt: 0,
   });
 }
 
@@ -96,5 +100,6 @@ export function bucketView(): MountedView {
     near: 0.06,
     limits: [1.2, 0.9, 0.9],
     reach: 3,
+    coveredTilt: 0.3,
   });
 }

@@ -21,6 +21,8 @@ export interface ViewContext {
   terrain: TerrainState | null;
   /** Ratio of width to height of the canvas. */
   aspect: number;
+  /** Distance by which the center of the view is above that of the canvas, as a fraction of its height. */
+  lift: number;
   /** Time since the last frame [s]. */
   dt: number;
 }

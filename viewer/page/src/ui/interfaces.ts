@@ -50,6 +50,8 @@ export interface ViewPort {
   setQuality(name: QualityName | "automatic"): void;
   /** Machine that cameras follow. */
   selectMachine(id: string): void;
+  /** Center the scene between panels that cover the canvas at its top and its bottom edge; heights [px]. */
+  setCovered(top: number, bottom: number): void;
   /** Frames drawn per second, averaged over about a second. */
   framesPerSecond(): number;
   /** Distance from the camera to a machine [m], for the volume of its engine. */

@@ -9,6 +9,7 @@ import type { ControlMessage } from "../protocol";
 import type { MachineState } from "../world_state";
 import { Banners } from "./banners";
 import { machineName, showsBag, type Part, type UiContext } from "./context";
+import { watchCovered } from "./covered";
 import { isDialogOpen } from "./dialog";
 import { make, setAttribute } from "./dom";
 import { DriveBar } from "./drive_bar";
@@ -159,6 +160,9 @@ class Composition implements UserInterface, UiContext {
     const { root } = this.app;
     root.classList.add("ui");
     root.replaceChildren(this.overlay.element, center, right, bottom, this.login.element, this.help.dialog);
+    watchCovered([this.toolbar.element, this.overlay.element], bottom, (above, below) =>
+      this.app.view.setCovered(above, below),
+    );
     // An input that was set with the pointer gives the keys back to the levers.
     let isPointer = false;
     root.addEventListener("pointerdown", () => (isPointer = true), { capture: true });
