@@ -4,6 +4,7 @@
 - `node_usage`: its help text
 - `sim_node`: base class of the nodes
 - `ros_parameters`: parameter dataclasses as ROS parameters
+- `parameter_files`: parameter files of which no section is for the node
 - `diagnostics`: counters, rejected inputs and problems of a node
 - `subscription_poller`, `polled_group`: subscriptions that are taken together
 - `subscriber_matching`: required subscribers that are not matched yet

@@ -36,6 +36,7 @@ from msg_bridge.allocator import keep_freed_memory, return_freed_memory
 from msg_bridge.contract.errors import EarthmovingError
 from msg_bridge.dds_profile import use_shipped_profile
 from msg_bridge.nodes.node_usage import NodeUsage
+from msg_bridge.nodes.parameter_files import describe_unused_files
 from msg_bridge.nodes.ros_parameters import reject_unknown_overrides
 from msg_bridge.processes.broken_pipe import end_on_broken_pipe
 
@@ -99,7 +100,7 @@ def run_node(
                 f"the ROS arguments are invalid ({error}); correct what follows --ros-args",
             )
         try:
-            return _run(make_node, stopped, name)
+            return _run(make_node, stopped, name, sys.argv if args is None else args)
         finally:
             try_shutdown()
 
@@ -134,7 +135,9 @@ def _print_usage(usage: NodeUsage, name: str) -> int:
     return 0
 
 
-def _run(make_node: Callable[[], Node], stopped: _StopFlag, program: str) -> int:
+def _run(
+    make_node: Callable[[], Node], stopped: _StopFlag, program: str, args: Sequence[str]
+) -> int:
     try:
         node = make_node()
     except EarthmovingError as error:
@@ -150,6 +153,8 @@ def _run(make_node: Callable[[], Node], stopped: _StopFlag, program: str) -> int
     try:
         try:
             reject_unknown_overrides(node)
+            for sentence in describe_unused_files(node, args):
+                node.get_logger().warning(sentence)
             while not stopped.is_set and not getattr(node, "finished", False):
                 executor.spin_once(timeout_sec=_SPIN_TIMEOUT)
         except ExternalShutdownException:  # rclpy.shutdown() was called

@@ -37,6 +37,7 @@ __all__ = [
     "known_parameters",
     "on_parameter_change",
     "parameter_descriptor",
+    "parameter_overrides",
     "reject_unknown_overrides",
     "unknown_overrides",
 ]
@@ -84,7 +85,7 @@ def declare_parameters(
     for field in fields(params_class):
         name = prefix + field.name
         value = field.default
-        override = _overrides(node).get(name)
+        override = parameter_overrides(node).get(name)
         if override is not None and field.metadata.get("determined_by"):
             raise ParameterError(
                 f"{_of(node)} has no parameter {name}: it follows from"
@@ -194,7 +195,7 @@ def unknown_overrides(node: Node) -> list[str]:
     """
     return sorted(
         name
-        for name in _overrides(node)
+        for name in parameter_overrides(node)
         if not node.has_parameter(name) and not name.startswith("qos_overrides.")
     )
 
@@ -237,7 +238,8 @@ def _hint(name: str, known: Collection[str]) -> str:
     return hint or f"; it has {', '.join(members)}"
 
 
-def _overrides(node: Node) -> dict[str, Parameter]:
+def parameter_overrides(node: Node) -> dict[str, Parameter]:
+    """Return the parameters that files, the command line or the creator of a node give, by name."""
     # rclpy offers no way to see the overrides of parameters that are not declared.
     return dict(node._parameter_overrides)
 

@@ -80,6 +80,7 @@ class Scene:
         self._stops: dict[str, bool] = {}  # by machine, also those that are not shown yet
         self._denied_stops: set[str] = set()  # machines that reported a release since a request
         self._now = now
+        self._condition_times: dict[str, float] = {}  # wall time of the last report, by name
         self._ticks: deque[tuple[float, float]] = deque()  # wall time, simulation time
 
     @property
@@ -125,10 +126,26 @@ class Scene:
         self.machines_changed()
         self.particles_changed()
 
+    def set_condition(self, name: str, text: str) -> None:
+        """Set the condition that a node reports: `OK`, or level and text."""
+        self.status[name] = text
+        self._condition_times[name] = self._now()
+        self.version += 1
+
+    def remove_old_conditions(self, max_age: float) -> None:
+        """Remove the conditions of nodes that have reported nothing for a wall time [s]."""
+        now = self._now()
+        for name, time_reported in list(self._condition_times.items()):
+            if now - time_reported > max_age:
+                del self._condition_times[name]
+                self.status.pop(name, None)
+                self.version += 1
+
     def begin_restore(self) -> None:
         """Discard the state, until `end_restore`; no frame is sent in between."""
         self.is_restoring = True
         self.status.clear()
+        self._condition_times.clear()
         self._stops.clear()
         self._denied_stops.clear()
         for machine in self.machines.values():

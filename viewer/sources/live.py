@@ -34,6 +34,10 @@ _POLL_PERIOD = 0.01
 _SCAN_PERIOD = 0.5
 """Wall time between two searches for machines in the graph [s]."""
 
+_MAX_CONDITION_AGE = 10.0
+"""Wall time without diagnostics after which the condition of a node is removed [s]; nodes publish
+theirs once a second."""
+
 _MAX_MISSED_SCANS = 3
 """Number of searches without a publisher after which a machine is removed."""
 
@@ -75,7 +79,7 @@ class LiveSource:
         self.scan()
 
     def scan(self) -> None:
-        """Search the graph for machines that have come or gone."""
+        """Search the graph for machines that have come or gone; drop nodes that have ended."""
         names = {
             name
             for name, types in self._node.get_topic_names_and_types()
@@ -96,6 +100,8 @@ class LiveSource:
             self._missed[machine] = 0 if is_present else self._missed[machine] + 1
             if self._missed[machine] >= _MAX_MISSED_SCANS:
                 self._remove(machine)
+        with self._scene.lock:
+            self._scene.remove_old_conditions(_MAX_CONDITION_AGE)
 
     def _subscribe_simulation(self) -> None:
         """Subscribe to the topics of the soil node, rows before maps: most maps bring no news."""

@@ -187,7 +187,7 @@ class SceneWriter:
                     continue
                 level = level_name(status)
                 text = status.message[:_MAX_STATUS_LENGTH]
-                self.scene.status[name] = level if level == "OK" else f"{level}: {text}"
+                self.scene.set_condition(name, level if level == "OK" else f"{level}: {text}")
             self.scene.version += 1
 
     def on_recorder_status(self, msg: String) -> None:
@@ -196,8 +196,7 @@ class SceneWriter:
         text = ", ".join(f"{count} on {topic}" for topic, count in lost.items())
         with self.scene.lock:
             condition = f"WARN: lost {text}"[:_MAX_STATUS_LENGTH] if lost else "OK"
-            self.scene.status["recording"] = condition
-            self.scene.version += 1
+            self.scene.set_condition("recording", condition)
 
     def reported_stops(self, status: DiagnosticStatus) -> Iterator[tuple[str, bool]]:
         """Yield machine and emergency stop, as the diagnostics of a machine node state them."""

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType
 
 import pytest
@@ -158,6 +159,25 @@ def test_invalid_arguments_give_exit_code_2_and_a_one_line_error(
     (error,) = [text for text in errors.splitlines() if text.startswith("digger: ")]
     assert error.startswith(line)
     assert "Traceback" not in errors
+
+
+@pytest.mark.parametrize(
+    ("section", "is_used"),
+    [("digger", True), ("/**", True), ("diger", False), ("/pit/digger", False)],
+)
+def test_parameter_file_without_parameters_of_the_node_is_a_warning(
+    ros_domain: int,
+    capfd: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    section: str,
+    is_used: bool,
+) -> None:
+    file = tmp_path / "digger.yaml"
+    file.write_text(f"{section}:\n  ros__parameters:\n    depth: 1.5\n")
+    run_here("--params-file", str(file), "-p", "act:=finish")
+    output = "".join(capfd.readouterr())
+    assert ("ready at 1.5" in output) == is_used
+    assert (f"no parameter in {file} is for this node, /digger" in output) == (not is_used)
 
 
 def test_integer_is_accepted_for_a_double_parameter(

@@ -134,6 +134,25 @@ def test_request_of_a_stop_ends_with_its_release_or_with_two_reports_that_deny_i
         assert machine.shown == (False, False)
 
 
+def test_condition_of_a_node_that_has_ended_is_removed() -> None:
+    now = 0.0
+    scene = Scene(lambda: now)
+    writer = SceneWriter(scene)
+
+    def report(*names: str) -> None:
+        status = [DiagnosticStatus(name=name, level=b"\2", message="rejected") for name in names]
+        writer.on_diagnostics(DiagnosticArray(status=status))
+
+    report("soil_sim", "other/machine_sim")
+    now = 9.0
+    report("soil_sim")
+    scene.remove_old_conditions(10.0)
+    assert scene.status.keys() == {"soil_sim", "other/machine_sim"}
+    now = 11.0
+    scene.remove_old_conditions(10.0)
+    assert scene.status == {"soil_sim": "ERROR: rejected"}
+
+
 def test_configuration_with_a_huge_number_is_rejected(writer: SceneWriter) -> None:
     with pytest.raises(CodecError):
         writer.on_machine_config(MACHINE, String(data=f"commands: {{joy_deadzone: {10**400}}}"))
