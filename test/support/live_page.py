@@ -95,7 +95,7 @@ class LivePage:
     def take_control(self, button: str = "take-control") -> None:
         """Press a button that takes control, and wait until the page drives."""
         self.page.get_by_test_id(button).click(timeout=1e3 * LOADED)
-        self.wait_until(lambda: self.is_driving)
+        self.wait_until(lambda: self.is_driving, timeout=LOADED)
 
     @contextmanager
     def held(self, *keys: str) -> Iterator[None]:
