@@ -336,7 +336,7 @@ class RunReplay:
         if machines is None:
             raise ReplayError(
                 f"machine {machine_id} joined before the recording began; record from the begin of"
-                " the run"
+                " the run, with required_subscribers: [exchange_recorder] of soil and machine nodes"
             )
         replayed = machines.perform(action)
         sent = machines.unsent_messages
