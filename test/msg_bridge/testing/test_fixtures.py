@@ -118,13 +118,23 @@ def test_processes_at_once_get_different_domains(tmp_path: Path, ros_domain: int
 def test_domain_is_released_at_the_end_of_its_test(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(domain, "TEST_DOMAIN_IDS", range(1, 3))
-    with reserve_domain(tmp_path) as first, reserve_domain(tmp_path) as second:
-        assert {first, second} == {1, 2}
-        with pytest.raises(NoFreeDomainError, match="run fewer tests"), reserve_domain(tmp_path):
-            pass
-    with reserve_domain(tmp_path) as again:
-        assert again in (1, 2)
+    with reserve_domain() as one, reserve_domain() as other:  # no other test uses them meanwhile
+        monkeypatch.setattr(domain, "TEST_DOMAIN_IDS", (one, other))
+        with reserve_domain(tmp_path) as first, reserve_domain(tmp_path) as second:
+            assert {first, second} == {one, other}
+            with pytest.raises(NoFreeDomainError), reserve_domain(tmp_path):
+                pass
+        with reserve_domain(tmp_path) as again:
+            assert again in (one, other)
+
+
+def test_domain_in_which_a_node_runs_is_not_taken(
+    ros: Ros, ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(domain, "TEST_DOMAIN_IDS", (ros_domain,))
+    ros.add(Hello)
+    with pytest.raises(NoFreeDomainError), reserve_domain(tmp_path):
+        pass
 
 
 def test_node_gets_parameters_and_namespace(ros: Ros) -> None:
