@@ -51,6 +51,7 @@ from msg_bridge.contract.rows import (
     Rows,
     empty_rows,
     join_rows,
+    no_rows,
 )
 
 __all__ = ["MachineSim", "MachineTickOutput"]
@@ -383,9 +384,9 @@ class MachineSim:
     def _request_deposits(self) -> Rows:
         """Freeze settled particles, and return DEPOSIT_REQUEST rows for them."""
         ids = self.particles.settled()[: self.params.max_deposit_requests_per_tick]
-        rows = empty_rows(DEPOSIT_REQUEST, ids.size)
         if ids.size == 0:
-            return rows
+            return no_rows(DEPOSIT_REQUEST)
+        rows = empty_rows(DEPOSIT_REQUEST, ids.size)
         particles = self.particles
         at = particles.rows_of(ids)
         rows["x"], rows["y"], rows["z"] = particles.positions[at].T

@@ -14,7 +14,7 @@ from msg_bridge.contract.rows import (
     MAX_ROW_VOLUME,
     ConversionKind,
     Rows,
-    empty_rows,
+    no_rows,
 )
 from msg_bridge.kernels import fixed_signature_kernel, helper
 from soil_sim.columns.changes import ColumnChanges
@@ -53,7 +53,7 @@ def convert_deposit_requests(
         CONVERSION rows, one for each request, in the same order.
     """
     if deposit_requests.size == 0:  # as in most ticks
-        return empty_rows(CONVERSION)
+        return no_rows(CONVERSION)
     conversions: Rows = _convert_requests(deposit_requests, tick, num_soil_types, frame)
     return conversions
 
@@ -68,7 +68,7 @@ def excavation_rows(removed: RemovedSoil, tick: int, machine_id: int, cols: int)
         cols: number of columns of the grid.
     """
     if removed.size == 0:
-        return empty_rows(CONVERSION)
+        return no_rows(CONVERSION)
     rows: Rows = _excavation_rows(removed, tick, machine_id, cols)
     return rows
 
@@ -82,7 +82,7 @@ def map_update_rows(changes: ColumnChanges, columns: Columns, revision: int) -> 
         revision: revision of the terrain after the tick.
     """
     if changes.cells.size == 0:
-        return empty_rows(MAP_UPDATE)
+        return no_rows(MAP_UPDATE)
     rows: Rows = _map_update_rows(changes.cells, columns.boxed_arrays, revision, columns.frame)
     return rows
 

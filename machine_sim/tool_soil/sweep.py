@@ -27,6 +27,7 @@ from msg_bridge.contract.rows import (
     SweepAction,
     copy_rows,
     empty_rows,
+    no_rows,
 )
 from msg_bridge.kernels import fixed_signature_kernel, helper
 
@@ -194,7 +195,7 @@ class TrackSweep:
             self._pressure,
         )
         if displacement < _MIN_TRACK_DISPLACEMENT:
-            return empty_rows(SWEEP)
+            return no_rows(SWEEP)
         return strip.copy()
 
 
