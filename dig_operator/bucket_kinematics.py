@@ -125,7 +125,7 @@ class BucketKinematics:
         # Of the equivalent swing angles, whole turns apart, the one nearest to the present one.
         swing_now = float(observation.joints[0])
         swing = swing_now + math.remainder(math.atan2(y, x) - swing_now, 2 * math.pi)
-        upper_rotation = (observation.base_rotation @ rotation_about_z(swing)).tolist()
+        upper_rotation = observation.base_rotation.dot(rotation_about_z(swing)).tolist()
         reach, _, height = _in_frame(offset, upper_rotation)
         boom, arm = solve_bucket_pin_angles(self._machine, reach, height)
         limits = self._machine.joints["bucket"]
@@ -135,13 +135,13 @@ class BucketKinematics:
 
     def nose_up_angle(self, observation: Observation) -> float:
         """Return the pitch of the upper body [rad]; positive is nose up, negative nose down."""
-        upper_rotation = observation.base_rotation @ rotation_about_z(float(observation.joints[0]))
-        return _nose_up_angle(upper_rotation.tolist())
+        swing_rotation = rotation_about_z(float(observation.joints[0]))
+        return _nose_up_angle(observation.base_rotation.dot(swing_rotation).tolist())
 
     def swing_axis(self, observation: Observation) -> Array:
         """Return the origin of the swing joint [m], map frame, shape (3,)."""
         return np.asarray(
-            observation.base_position + observation.base_rotation @ self._swing_offset,
+            observation.base_position + observation.base_rotation.dot(self._swing_offset),
             dtype=np.float64,
         )
 

@@ -302,13 +302,13 @@ class TrackedMachine:
     @property
     def base_frame(self) -> tuple[Array, Array]:
         """Rotation matrix `base_link` to map, shape (3, 3), and its origin [m], shape (3,)."""
-        return self._rotation, self._com - self._rotation @ self._base_com
+        return self._rotation, self._com - self._rotation.dot(self._base_com)
 
     @property
     def base_velocity(self) -> tuple[Array, Array]:
         """Velocity of `base_link`'s origin [m/s] and angular velocity [rad/s], map frame."""
         angular_velocity = self._angular_velocity.copy()
-        arm = self._rotation @ self._base_com
+        arm = self._rotation.dot(self._base_com)
         return self._com_velocity - cross(angular_velocity, arm), angular_velocity
 
     @property

@@ -86,11 +86,11 @@ class CappedSpringDamper:
         """
         self.contact_point, self.force, self.torque = wrench
         self.max_force = norm(self.force)
-        self.local_point = pose[0].T @ (self.contact_point - pose[1])
+        self.local_point = pose[0].T.dot(self.contact_point - pose[1])
 
     def distance_to_contact(self, pose: Pose) -> float:
         """Return the distance [m] of the tool's contact point from where the wrench was set."""
-        return norm(pose[0] @ self.local_point + pose[1] - self.contact_point)
+        return norm(pose[0].dot(self.local_point) + pose[1] - self.contact_point)
 
     def step(
         self, pose: Pose, velocity: tuple[Vec3, Vec3], dt: float, limit: float = math.inf
@@ -108,7 +108,7 @@ class CappedSpringDamper:
         """
         if self.max_force == 0.0:
             return (0.0,) * 6
-        ax, ay, az = (pose[0] @ self.local_point).tolist()
+        ax, ay, az = pose[0].dot(self.local_point).tolist()
         (vx, vy, vz), (wx, wy, wz) = velocity
         (fx, fy, fz), (tx, ty, tz) = self.force.tolist(), self.torque.tolist()
         # The velocity of the contact point is v + w x a.

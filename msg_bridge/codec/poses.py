@@ -199,8 +199,8 @@ def _to_base_frame(
     return (
         _vector(base.position, "base position"),
         unit_quaternion(base.quaternion),
-        map_to_base @ _vector(base.velocity, "base velocity"),
-        map_to_base @ _vector(base.angular_velocity, "base angular velocity"),
+        map_to_base.dot(_vector(base.velocity, "base velocity")),
+        map_to_base.dot(_vector(base.angular_velocity, "base angular velocity")),
     )
 
 
@@ -214,7 +214,7 @@ def _to_map_frame(
     """
     quaternion = unit_quaternion(quaternion)
     base_to_map = rotation_matrix(quaternion)
-    velocity, angular_velocity = base_to_map @ linear, base_to_map @ angular
+    velocity, angular_velocity = base_to_map.dot(linear), base_to_map.dot(angular)
     if not all(
         map(math.isfinite, (*position.tolist(), *velocity.tolist(), *angular_velocity.tolist()))
     ):

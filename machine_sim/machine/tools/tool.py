@@ -141,6 +141,6 @@ class Tool:
     def velocity(self) -> tuple[Vec3, Vec3]:
         """Velocity of the tool frame's origin [m/s] and angular velocity [rad/s], map frame."""
         (vx, vy, vz), (wx, wy, wz) = self._com_velocity, self._angular_velocity
-        x, y, z = (self._rotation @ self._com).tolist()
+        x, y, z = self._rotation.dot(self._com).tolist()
         velocity = (vx - (wy * z - wz * y), vy - (wz * x - wx * z), vz - (wx * y - wy * x))
         return velocity, self._angular_velocity

@@ -38,8 +38,8 @@ class BucketInteraction(PlateCutting):
         """Return the part of the motion of the cutting edge that is not sideways, from 0 to 1."""
         (start_rotation, start), (rotation, end) = motion.start, motion.end
         edge = self._edge_middle
-        displacement = rotation @ edge + end - start_rotation @ edge - start
-        x, y, z = (displacement @ rotation).tolist()
+        displacement = rotation.dot(edge) + end - start_rotation.dot(edge) - start
+        x, y, z = displacement.dot(rotation).tolist()
         forward = math.hypot(x, z)
         return forward / (forward + abs(y)) if forward > 0.0 else 0.0
 
