@@ -13,6 +13,7 @@ from __future__ import annotations
 from enum import IntEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msg_bridge.contract.rows import MAX_MILLING_WORK, MAX_PRESSURE, Rows, SweepAction
 from msg_bridge.kernels import fixed_signature_kernel, helper
@@ -100,21 +101,37 @@ def validate_sweeps(sweeps: Rows) -> tuple[ValidSweeps, tuple[str, ...]]:
     Returns:
         (valid sweeps, a message for each rejected tool).
     """
-    rows = sweeps
-    points, first_row, faults, are_valid, is_sorted = _parse_tools(rows)
+    parsed, faults, is_sorted = _parse(sweeps)
     if not is_sorted:  # as they are from one machine
-        rows = sweeps[np.lexsort((sweeps["tool"], sweeps["machine_id"]))]
-        points, first_row, faults, are_valid, _ = _parse_tools(rows)
-    if are_valid:
-        return ValidSweeps(rows, points, first_row), ()
+        parsed, faults, _ = _parse(sweeps[np.lexsort((sweeps["tool"], sweeps["machine_id"]))])
+    rows, _, first_row = parsed
+    if faults.size == 0:
+        return parsed, ()
     rejected = tuple(
         f"machine {rows['machine_id'][first_row[n]]}, tool {rows['tool'][first_row[n]]} is"
         f" rejected: {_FAULT_MESSAGES[SweepFault(faults[n])]}"
         for n in np.flatnonzero(faults)
     )
-    rows = rows[np.repeat(faults == 0, np.diff(first_row, append=rows.size))]
-    points, first_row, *_ = _parse_tools(rows)
-    return ValidSweeps(rows, points, first_row), rejected
+    valid, *_ = _parse(rows[np.repeat(faults == 0, np.diff(first_row, append=rows.size))])
+    return valid, rejected
+
+
+def _parse(rows: Rows) -> tuple[ValidSweeps, NDArray[np.int64], bool]:
+    """Return key points, first rows and faults of tools.
+
+    Args:
+        rows: SWEEP rows.
+
+    Returns:
+        (rows, points and first rows; `SweepFault` of each tool, empty if none has a fault; whether
+        the rows are sorted by machine and tool: the others are of use only then).
+    """
+    # Arrays that a kernel makes take several times as long to return.
+    points = np.empty((rows.size, 2, 3))
+    first_row, faults = np.empty((2, rows.size), dtype=np.int64)
+    num_tools, are_valid, is_sorted = _parse_tools(rows, points, first_row, faults)
+    sweeps = ValidSweeps(rows, points, first_row[:num_tools])
+    return sweeps, faults[: 0 if are_valid else num_tools], is_sorted
 
 
 @helper
@@ -130,19 +147,17 @@ def _is_sorted(rows):  # type: ignore[no-untyped-def]
 
 
 @fixed_signature_kernel
-def _parse_tools(rows):  # type: ignore[no-untyped-def]
-    """Return key points, first rows and faults of tools.
+def _parse_tools(rows, points, first_row, faults):  # type: ignore[no-untyped-def]
+    """Parse rows as `_parse`.
 
     Args:
         rows: SWEEP rows.
+        points, first_row: out, as in `ValidSweeps`; `first_row` has room for all rows.
+        faults: out, `SweepFault` of each tool, with room for all rows.
 
     Returns:
-        (points and first rows as in `ValidSweeps`, `SweepFault` of each tool, shape (tools,),
-        whether no tool has a fault, whether the rows are sorted by machine and tool: the others are
-        of use only then).
+        (number of tools, whether no tool has a fault, whether the rows are sorted).
     """
-    points = np.empty((rows.size, 2, 3))
-    first_row = np.empty(rows.size, dtype=np.int64)
     tools = 0
     for n in range(rows.size):
         row = rows[n]
@@ -151,14 +166,12 @@ def _parse_tools(rows):  # type: ignore[no-untyped-def]
         if n == 0 or row.machine_id != rows[n - 1].machine_id or row.tool != rows[n - 1].tool:
             first_row[tools] = n
             tools += 1
-    first_row = first_row[:tools]
-    faults = np.zeros(tools, dtype=np.int64)
     are_valid = True
     for n in range(tools):
         end = first_row[n + 1] if n + 1 < tools else rows.size
         faults[n] = _find_fault(rows, points, first_row[n], end)
         are_valid = are_valid and faults[n] == _NO_FAULT
-    return points, first_row, faults, are_valid, _is_sorted(rows)
+    return tools, are_valid, _is_sorted(rows)
 
 
 @helper

@@ -106,7 +106,11 @@ def group_by_machine(sweeps: ValidSweeps) -> list[MachineSweeps]:
     groups = []
     start = 0
     while start < rows.size:
-        ends, has_plate, tools, machine_id, end = _cutting_tools(rows, points, start)
+        # Arrays that a kernel makes take several times as long to return.
+        max_pairs = (rows.size - start) // 2
+        ends, has_plate = np.empty((max_pairs, 2, 2, 3)), np.empty(max_pairs, np.bool_)
+        tools = np.empty(max_pairs, _CUTTING_TOOL)
+        num_tools, machine_id, end = _cutting_tools(rows, points, start, ends, has_plate, tools)
         cuts = [
             CutSweep(
                 SweptPairs(ends[first:after], has_plate[first:after]),
@@ -115,15 +119,14 @@ def group_by_machine(sweeps: ValidSweeps) -> list[MachineSweeps]:
                 tool,
                 work if mills else None,
             )
-            for first, after, room, tool, mills, work in tools.tolist()
+            for first, after, room, tool, mills, work in tools[:num_tools].tolist()
         ]
         groups.append(MachineSweeps(machine_id, rows[start:end], points[start:end], cuts))
         start = end
     return groups
 
 
-@fixed_signature_kernel
-def positions_of_first_tools(rows):  # type: ignore[no-untyped-def]
+def positions_of_first_tools(rows: Rows) -> NDArray[np.float64]:
     """Return the end positions of pair 0 of tool 0 of each machine, in the order of the rows.
 
     Args:
@@ -133,6 +136,12 @@ def positions_of_first_tools(rows):  # type: ignore[no-untyped-def]
         Machine id and position at the end of the tick x, y, z [m], shape (n, 4).
     """
     positions = np.empty((rows.size, 4))
+    return positions[: _list_first_tools(rows, positions)]
+
+
+@fixed_signature_kernel
+def _list_first_tools(rows, positions):  # type: ignore[no-untyped-def]
+    """Write the result of `positions_of_first_tools`, and return its length."""
     count = 0
     for n in range(rows.size):
         row = rows[n]
@@ -142,7 +151,7 @@ def positions_of_first_tools(rows):  # type: ignore[no-untyped-def]
             positions[count, 1], positions[count, 2] = row.x1, row.y1
             positions[count, 3] = row.z1
             count += 1
-    return positions[:count]
+    return count
 
 
 @helper(forceinline=True)
@@ -160,18 +169,24 @@ def interpolate_key_point(points, which, t):  # type: ignore[no-untyped-def]
 
 
 @fixed_signature_kernel
-def _cutting_tools(rows, points, start):  # type: ignore[no-untyped-def]
-    """Return the pairs that cut or mill of the machine whose rows begin at `start`.
+def _cutting_tools(rows, points, start, ends, has_plate, tools):  # type: ignore[no-untyped-def]
+    """List the pairs that cut or mill of the machine whose rows begin at `start`.
+
+    Args:
+        rows, points: as of `ValidSweeps`.
+        start: index of the first row of the machine.
+        ends, has_plate: out, points and plates of all of its pairs as `SweptPairs`.
+        tools: out, `_CUTTING_TOOL` records.
 
     Returns:
-        (points and plates of all of its pairs as `SweptPairs`, `_CUTTING_TOOL` records, machine id,
-        index after its last row).
+        (number of tools, machine id, index after its last row).
     """
     end = start
     while end < rows.size and rows[end].machine_id == rows[start].machine_id:
         end += 1
-    ends, has_plate, left = _select_pairs(rows, points, start, end, np.bool_(False))
-    return ends, has_plate, _tools_of_pairs(rows, left), rows[start].machine_id, end
+    left = _select_pairs(rows, start, end, np.bool_(False))
+    _copy_pairs(rows, points, left, ends, has_plate)
+    return _list_tools(rows, left, tools), rows[start].machine_id, end
 
 
 @kernel
@@ -186,7 +201,9 @@ def pressed_pairs(rows, points):  # type: ignore[no-untyped-def]
         each pair [Pa], shape (pairs, 2), float64; id of the tool of each pair, shape (pairs,),
         int64).
     """
-    ends, has_plate, left = _select_pairs(rows, points, 0, rows.size, np.bool_(True))
+    left = _select_pairs(rows, 0, rows.size, np.bool_(True))
+    ends, has_plate = np.empty((left.size, 2, 2, 3)), np.empty(left.size, dtype=np.bool_)
+    _copy_pairs(rows, points, left, ends, has_plate)
     pressure, tool = np.empty((left.size, 2)), np.empty(left.size, dtype=np.int64)
     for k in range(left.size):
         tool[k] = rows[left[k]].tool
@@ -195,10 +212,10 @@ def pressed_pairs(rows, points):  # type: ignore[no-untyped-def]
     return ends, has_plate, pressure, tool
 
 
-@helper(allocates=True)
-def _tools_of_pairs(rows, left):  # type: ignore[no-untyped-def]
-    """Return the tools of pairs as `_cutting_tools`; `left` are the first rows of the pairs."""
-    tools = np.empty(left.size, _CUTTING_TOOL)
+@helper
+def _list_tools(rows, left, tools):  # type: ignore[no-untyped-def]
+    """Write the `_CUTTING_TOOL` records of pairs, whose first rows are `left`; return the number of
+    tools."""
     count = 0
     for k in range(left.size):
         row = rows[left[k]]
@@ -208,25 +225,27 @@ def _tools_of_pairs(rows, left):  # type: ignore[no-untyped-def]
             tool.mills, tool.work = row.action == _MILL, row.work
             count += 1
         tools[count - 1].end = k + 1
-    return tools[:count]
+    return count
 
 
 @helper(allocates=True)
-def _select_pairs(rows, points, start, end, compacting):  # type: ignore[no-untyped-def]
-    """Return the pairs of the rows `start` to `end` that compact, or else those that do not.
-
-    Returns:
-        (their points and plates as `SweptPairs`, index of the first row of each).
-    """
-    left = np.empty((end - start) // 2, dtype=np.int64)  # index of the first row of each pair
+def _select_pairs(rows, start, end, compacting):  # type: ignore[no-untyped-def]
+    """Return the first row of each pair of the rows `start` to `end` that compacts, or of each that
+    does not."""
+    left = np.empty((end - start) // 2, dtype=np.int64)
     count = 0
     for n in range(start, end, 2):
         if (rows[n].action == _COMPACT) == compacting:
             left[count] = n
             count += 1
-    ends = np.empty((count, 2, 2, 3))
-    has_plate = np.zeros(count, dtype=np.bool_)
-    for k in range(count):
+    return left[:count]
+
+
+@helper
+def _copy_pairs(rows, points, left, ends, has_plate):  # type: ignore[no-untyped-def]
+    """Write the points and plates of pairs as `SweptPairs`; `left` are their first rows."""
+    has_plate[: left.size] = False
+    for k in range(left.size):
         for t in range(2):
             for side in range(2):
                 for axis in range(3):
@@ -234,4 +253,3 @@ def _select_pairs(rows, points, start, end, compacting):  # type: ignore[no-unty
         if k > 0:
             row, previous = rows[left[k]], rows[left[k - 1]]
             has_plate[k - 1] = row.tool == previous.tool and row.pair == previous.pair + 1
-    return ends, has_plate, left[:count]

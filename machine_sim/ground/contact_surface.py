@@ -221,7 +221,7 @@ class Ground:
         """Raise the contact surface toward the soil's surface for `dt` [s]."""
         if self._rising_cells.size == 0:
             return
-        self._rising_cells = raise_surface(
+        num_rising = raise_surface(
             self._rising_cells,
             MAX_RISE_SPEED * dt,
             self.elevation,
@@ -231,6 +231,7 @@ class Ground:
             self._changed,
             self._is_rising,
         )
+        self._rising_cells = self._rising_cells[:num_rising]
         self._has_changes = True
 
     def _check_soil_ids(self, soil: NDArray[np.uint8]) -> NDArray[np.uint8]:

@@ -95,9 +95,12 @@ def set_cells(  # type: ignore[no-untyped-def]
 def raise_surface(  # type: ignore[no-untyped-def]
     rising, step, elevation, surface, rut_depth, undisturbed_surface, changed, is_rising
 ):
-    """Raise cells by `step` [m] at most, and return those that are still below their heights."""
+    """Raise cells by `step` [m] at most.
+
+    Returns:
+        Number of those still below their heights, which are moved to the front of `rising`.
+    """
     cols = elevation.shape[1]
-    remaining = np.empty(rising.size, dtype=np.int64)
     count = 0
     for n in range(rising.size):
         i, j = rising[n] // cols, rising[n] % cols
@@ -107,6 +110,6 @@ def raise_surface(  # type: ignore[no-untyped-def]
         changed[i, j] = True
         is_rising[i, j] = surface[i, j] < elevation[i, j] or undisturbed_surface[i, j] < undisturbed
         if is_rising[i, j]:
-            remaining[count] = rising[n]
+            rising[count] = rising[n]
             count += 1
-    return remaining[:count].copy()
+    return count

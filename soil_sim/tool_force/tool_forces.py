@@ -87,7 +87,8 @@ class ToolForces:
         """
         rows, points, first = sweeps
         forces: Rows
-        forces, wrenches, has_drums = _blade_forces(rows, points, first, self._ground)
+        wrenches = np.zeros((2, first.size, WRENCH_SIZE))
+        forces, has_drums = _blade_forces(rows, points, first, self._ground, wrenches)
         if has_drums:  # in a separate kernel, to save compile time: few machines have a drum
             forces = _stationary_drum_forces(rows, points, first, self._ground, wrenches)
         return forces
@@ -149,20 +150,20 @@ def set_milling_forces(forces: Rows, millings: Sequence[Milling]) -> Rows:
 
 
 @fixed_signature_kernel
-def _blade_forces(rows, points, first, ground):  # type: ignore[no-untyped-def]
-    """Return the FORCE rows without those of drums, and the results of `_blade_wrenches`."""
-    wrenches, has_drums = _blade_wrenches(rows, points, first, ground)
-    return _force_rows(rows, first, wrenches), wrenches, has_drums
+def _blade_forces(rows, points, first, ground, wrenches):  # type: ignore[no-untyped-def]
+    """Return the FORCE rows without those of drums, and the result of `_add_blade_wrenches`."""
+    has_drums = _add_blade_wrenches(rows, points, first, ground, wrenches)
+    return _force_rows(rows, first, wrenches), has_drums
 
 
 @helper(allocates=True)
-def _blade_wrenches(rows, points, first, ground):  # type: ignore[no-untyped-def]
-    """Return the wrenches of all tools but drums, and whether there are drums that do not mill.
+def _add_blade_wrenches(rows, points, first, ground, wrenches):  # type: ignore[no-untyped-def]
+    """Write the wrenches of all tools but drums; return whether there are drums that do not mill.
 
     The wrenches have shape (2, tools, 9): [0] cutting, [1] bearing; see `wrench` for the slots.
+    They are zeros before.
     """
     columns, grid_layout, strength = ground.table
-    wrenches = np.zeros((2, first.size, WRENCH_SIZE))
     sums = np.empty(NUM_SUMS)
     has_drums = False
     for n in range(first.size):
@@ -188,12 +189,12 @@ def _blade_wrenches(rows, points, first, ground):  # type: ignore[no-untyped-def
         sums[:] = 0.0
         add_bearing_force(own, origin, columns, grid_layout, strength, sums)
         reduce_wrench(sums, origin, wrenches[1, n])
-    return wrenches, has_drums
+    return has_drums
 
 
 @kernel
 def _stationary_drum_forces(rows, points, first, ground, wrenches):  # type: ignore[no-untyped-def]
-    """Write the wrenches of drums that are not driven into the result of `_blade_wrenches`.
+    """Write the wrenches of drums that are not driven into the wrenches of the other tools.
 
     Returns:
         FORCE rows of all tools.

@@ -27,19 +27,20 @@ def settled_ids(
     the map is settled at once. Frozen particles are excluded: their deposit is requested already.
     """
     size_x, size_y = ground.grid.size
-    ids: NDArray[np.uint32] = _settled_ids(
+    ids = np.empty(state.count, np.uint32)
+    count = _list_settled_ids(
         state.boxed, 0.5 * size_x, 0.5 * size_y,
         np.float32(params.settle_time), tools.boxed_motion, tools.end_poses,
-        params.tool_clearance,
+        params.tool_clearance, ids,
     )  # fmt: skip
-    return ids
+    return ids[:count]
 
 
 @fixed_signature_kernel
-def _settled_ids(  # type: ignore[no-untyped-def]
-    boxed_particles, half_x, half_y, settle_time, boxed_tools, poses, clearance
+def _list_settled_ids(  # type: ignore[no-untyped-def]
+    boxed_particles, half_x, half_y, settle_time, boxed_tools, poses, clearance, settled
 ):
-    """Return the ids of settled particles, ascending.
+    """List the ids of settled particles, ascending, and return their number.
 
     Args:
         boxed_particles: `ParticleColumns`, boxed.
@@ -48,10 +49,11 @@ def _settled_ids(  # type: ignore[no-untyped-def]
         boxed_tools: `ToolMotion`, boxed.
         poses: packed poses of the tools, shape (tools, POSE_SIZE).
         clearance: minimum gap to the plates of a tool [m].
+        settled: out, ids, with room for all particles.
     """
     particles, tools = boxed_particles.table, boxed_tools.table
     position, frozen, ids = particles.position, particles.frozen, particles.particle_id
-    settled, count = np.empty(frozen.size, np.uint32), 0
+    count = 0
     for i in range(frozen.size):
         is_on_map = abs(position[i, 0]) <= half_x and abs(position[i, 1]) <= half_y
         if frozen[i] or (is_on_map and particles.settle_timer[i] < settle_time):
@@ -59,7 +61,8 @@ def _settled_ids(  # type: ignore[no-untyped-def]
         if not is_on_map or _is_free(position[i], particles.radius[i], tools, poses, clearance):
             settled[count] = ids[i]
             count += 1
-    return np.sort(settled[:count])
+    settled[:count].sort()
+    return count
 
 
 @helper

@@ -13,7 +13,6 @@ from machine_sim.dem.neighbours.cell_grid import rows_in_box, sort_into_cells
 from machine_sim.dem.neighbours.history_transfer import transfer_history
 from machine_sim.dem.neighbours.pair_search import SearchParticles, find_pairs
 from machine_sim.dem.neighbours.skin_widths import (
-    ListedParticles,
     compute_skin_widths,
     predict_contact_radii,
 )
@@ -40,8 +39,9 @@ class ListLimits(NamedTuple):
 
 @threaded_stages
 def build_list(  # type: ignore[no-untyped-def]
-    dt, limits, growth, tracked_rows, boxed_particles, boxed_old, old_count, boxed_new, begin, end
-):
+    dt, limits, growth, tracked_rows, boxed_particles, boxed_old, old_count, boxed_new, begin, end,
+    active, listed,
+):  # fmt: skip
     """Fill a pair table, and carry the contact history over from the previous one.
 
     Args:
@@ -54,16 +54,19 @@ def build_list(  # type: ignore[no-untyped-def]
             see `transfer_history`.
         boxed_new: `ListedPairs` of the new table, boxed; the pairs are filled.
         begin, end: out, ranges of the new pairs of each row, zeros.
+        active: out, whether each row is active.
+        listed: out, `ListedParticles`.
 
     Returns:
         (number of pairs, -1 where the table is too small and the history was not carried over;
         number of old pairs that are both asleep; whether active particles are few, so that pairs
         reach into the slabs on both sides; number of fast outliers; first pair of each slab, and
-        the end; whether each row is active; `ListedParticles`).
+        the end).
     """
     particles, old, new = boxed_particles.table, boxed_old.table.arrays, boxed_new.table.arrays
     position, count = particles.position, particles.radius.size
-    listed = ListedParticles(position.copy(), np.zeros(count), np.empty(count))
+    listed.position[:] = position
+    listed.skin_width[:] = 0.0
     predict_contact_radii(
         particles.contact_radius, particles.radius, growth, listed.predicted_radius
     )
@@ -73,7 +76,7 @@ def build_list(  # type: ignore[no-untyped-def]
         max_travel, limits.max_fast_outliers, listed.skin_width,
     )  # fmt: skip
     cell_size = 2.0 * listed.predicted_radius.max() + 2.0 * max_skin_width
-    active = active_rows(particles.sleep_state, particles.frozen)
+    active[:] = active_rows(particles.sleep_state, particles.frozen)
     sparse = active.sum() * 2 < count
     rows = rows_in_box(position, tracked_rows, cell_size) if sparse else np.arange(count)
     rows = _without(fast_outliers, rows, count)
@@ -88,7 +91,7 @@ def build_list(  # type: ignore[no-untyped-def]
         num_asleep = transfer_history(
             old, old_count, particles.pair_list_row, active, new, num_pairs, begin, end
         )
-    return num_pairs, num_asleep, sparse, fast_outliers.size, slabs, active, listed
+    return num_pairs, num_asleep, sparse, fast_outliers.size, slabs
 
 
 @kernel

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.dem.neighbours.skin_widths import ListedParticles
 from machine_sim.dem.vec3 import dot, load_row, subtract
 from msg_bridge.kernels import fixed_signature_kernel, kernel
 
@@ -48,15 +47,15 @@ def remove_pairs(kept, num_listed, pairs, num_pairs):  # type: ignore[no-untyped
 
 
 @fixed_signature_kernel
-def keep_listed(kept, active, listed):  # type: ignore[no-untyped-def]
-    """Return which rows are active, and `ListedParticles`, of the rows `kept` only."""
-    position = np.empty((kept.size, 3))
+def keep_listed(kept, active, listed, kept_active, kept_listed):  # type: ignore[no-untyped-def]
+    """Copy which rows are active, and `ListedParticles`, of the rows `kept` only."""
     for k in range(kept.size):
+        i = kept[k]
+        kept_active[k] = active[i]
         for axis in range(3):
-            position[k, axis] = listed.position[kept[k], axis]
-    return active[kept], ListedParticles(
-        position, listed.skin_width[kept], listed.predicted_radius[kept]
-    )
+            kept_listed.position[k, axis] = listed.position[i, axis]
+        kept_listed.skin_width[k] = listed.skin_width[i]
+        kept_listed.predicted_radius[k] = listed.predicted_radius[i]
 
 
 @kernel

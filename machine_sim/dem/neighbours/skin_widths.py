@@ -41,6 +41,11 @@ class ListedParticles(NamedTuple):
     skin_width: NDArray[np.float64]
     predicted_radius: NDArray[np.float64]
 
+    @classmethod
+    def empty(cls, count: int) -> ListedParticles:
+        """Return arrays to be filled for a number of particles."""
+        return cls(np.empty((count, 3)), np.empty(count), np.empty(count))
+
 
 class GrowthPrediction(NamedTuple):
     """Bounds of the growth of contact radii.

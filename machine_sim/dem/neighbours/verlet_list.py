@@ -75,7 +75,7 @@ class VerletList:
         self._spare = PairTable(4096, 0)
         self.spring_history = SpringHistory()
         self._active = np.zeros(0, np.bool_)
-        self._listed = ListedParticles(np.zeros((0, 3)), np.zeros(0), np.zeros(0))
+        self._listed = ListedParticles.empty(0)
         self.is_stale = True
         self.num_builds = 0
         self.builds_since_sort = 0
@@ -102,7 +102,9 @@ class VerletList:
             return
         pairs, kept = self.pairs, kept[kept < self.num_listed]
         pairs.set_pairs(remove_pairs(kept, self.num_listed, pairs.arrays, pairs.count))
-        self._active, self._listed = keep_listed(kept, self._active, self._listed)
+        active, listed = np.empty(kept.size, np.bool_), ListedParticles.empty(kept.size)
+        keep_listed(kept, self._active, self._listed, active, listed)
+        self._active, self._listed = active, listed
         state.pair_list_row[: kept.size] = np.arange(kept.size, dtype=np.int32)
 
     def insert(self, state: ParticleState, tracked_rows: NDArray[np.int64], dt: float) -> None:
@@ -170,7 +172,8 @@ class VerletList:
 
     def _base_skin_width(self, state: ParticleState) -> float:
         """Return the skin width of a particle at rest [m]."""
-        return self._params.verlet_skin * float(state.radius.mean())
+        # `ndarray.mean` gives the same bits in three times as long.
+        return self._params.verlet_skin * float(np.add.reduce(state.radius) / state.count)
 
     def _predict_growth(self, dt: float, num_steps: float) -> GrowthPrediction:
         """Return the bounds of the growth in some steps of `dt` [s]."""
@@ -222,11 +225,10 @@ class VerletList:
         """Fill the spare table; return False where it is too small."""
         old, new = self.pairs, self._spare
         new.clear_rows(state.count)
-        num_pairs, num_asleep, sparse, num_outliers, slabs, active, listed = (
-            build_list.for_threads(self.threads)(
-                dt, limits, growth, tracked_rows, state.boxed, old.boxed,
-                old.count, new.boxed, new.begin, new.end,
-            )
+        active, listed = np.empty(state.count, np.bool_), ListedParticles.empty(state.count)
+        num_pairs, num_asleep, sparse, num_outliers, slabs = build_list.for_threads(self.threads)(
+            dt, limits, growth, tracked_rows, state.boxed, old.boxed,
+            old.count, new.boxed, new.begin, new.end, active, listed,
         )  # fmt: skip
         if num_pairs < 0:
             return False

@@ -85,10 +85,13 @@ class SleepManager:
         spheres = np.concatenate(self._wake_spheres) if self._wake_spheres else _NO_SPHERES
         self._wake_spheres.clear()
         changed = ground.pop_changed_cells()
-        num_woken, moving = wake_disturbed(
+        rows, tool_of_locked = np.empty(state.count, np.int64), np.empty(state.count, np.int64)
+        num_woken, num_free, num_locked = wake_disturbed(
             dt, self._params, state.boxed, tools.boxed_motion, self._gravity.boxed,
             spheres, _NO_CHANGED_COLUMNS if changed is None else changed, ground.frame,
+            rows, tool_of_locked,
         )  # fmt: skip
+        moving = MovingRows(rows[: num_free + num_locked], num_free, tool_of_locked[:num_locked])
         return num_woken, moving
 
     # After a step.

@@ -99,11 +99,14 @@ def wake(row, particles):  # type: ignore[no-untyped-def]
         particles.wake_reference[row, axis] = particles.position[row, axis]
 
 
-@helper(allocates=True)
-def select_moving_rows(sleep_state, frozen):  # type: ignore[no-untyped-def]
-    """Return the `MovingRows` of some columns."""
+@helper
+def select_moving_rows(sleep_state, frozen, rows, tools):  # type: ignore[no-untyped-def]
+    """Fill in the rows and tools of the `MovingRows` of some columns.
+
+    Returns:
+        Numbers of rows that move by forces, and that are locked to a tool.
+    """
     n = sleep_state.size
-    rows, tools = np.empty(n, np.int64), np.empty(n, np.int64)
     num_free, num_locked = 0, 0
     for i in range(n):
         rows[num_free] = i
@@ -113,4 +116,4 @@ def select_moving_rows(sleep_state, frozen):  # type: ignore[no-untyped-def]
             rows[num_free + num_locked] = i
             tools[num_locked] = locked_tool(sleep_state[i])
             num_locked += 1
-    return MovingRows(rows[: num_free + num_locked], num_free, tools[:num_locked])
+    return num_free, num_locked

@@ -26,8 +26,9 @@ __all__ = ["wake_disturbed"]
 
 @fixed_signature_kernel
 def wake_disturbed(  # type: ignore[no-untyped-def]
-    dt, boxed_params, boxed_particles, boxed_tools, boxed_gravity, spheres, changed, frame
-):
+    dt, boxed_params, boxed_particles, boxed_tools, boxed_gravity, spheres, changed, frame,
+    moving_rows, locked_tools,
+):  # fmt: skip
     """Wake the particles that are disturbed in the step to come, and select the rows that move.
 
     Args:
@@ -39,9 +40,10 @@ def wake_disturbed(  # type: ignore[no-untyped-def]
         spheres: particles that reach into these wake [m], map frame, shape (n, WAKE_SPHERE_SIZE).
         changed: which columns of the terrain changed, shape (rows, cols), or (0, 0) for none.
         frame: `Ground.frame`.
+        moving_rows, locked_tools: out, rows and tools of `MovingRows`, with room for all particles.
 
     Returns:
-        (number of particles that woke; the rows of `MovingRows`).
+        (number of particles that woke; numbers of rows that move by forces, and that are locked).
     """
     params, particles, tools = boxed_params.table, boxed_particles.table, boxed_tools.table
     gravity = boxed_gravity.table
@@ -60,7 +62,10 @@ def wake_disturbed(  # type: ignore[no-untyped-def]
             if woken[k] or (tool >= 0 and wake_load[tool]):
                 wake(i, particles)
                 num_woken += 1
-    return num_woken, select_moving_rows(particles.sleep_state, particles.frozen)
+    num_free, num_locked = select_moving_rows(
+        particles.sleep_state, particles.frozen, moving_rows, locked_tools
+    )
+    return num_woken, num_free, num_locked
 
 
 @helper(allocates=True)
