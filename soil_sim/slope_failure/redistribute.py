@@ -177,7 +177,7 @@ def _redistribute(columns, cells, change, bounds):  # type: ignore[no-untyped-de
         count = 0
         last = -1  # index of the last column that gains
         for m in range(first, end):
-            i = np.uint64(cells[m])  # unsigned: a quarter less time
+            i = cells[m]
             if change[m] > 0.0:
                 total_gain += change[m]
                 last = m
@@ -219,4 +219,4 @@ def _redistribute(columns, cells, change, bounds):  # type: ignore[no-untyped-de
 def _add_lot(columns, i, bank, kind, moisture):  # type: ignore[no-untyped-def]
     """Deposit soil of a bank volume [mm^3], freshly loosened, on column i."""
     bulk = np.int64(bank * columns.bulking_factor[kind] + 0.5)
-    add_loose(columns, np.uint64(i), bank, bulk, kind, moisture)
+    add_loose(columns, i, bank, bulk, kind, moisture)

@@ -130,10 +130,7 @@ def relax_cells(slopes, budget):  # type: ignore[no-untyped-def]
             if is_firm_steep and has_cohesion and fail_wedge(columns, params, occupied, i, queue):
                 continue
             forward = not forward
-            # Unsigned, see `msg_bridge.kernels.decorators`: a dump takes a quarter less time.
-            if target < 0 or not _move_soil(
-                columns, np.uint64(i), np.uint64(target), excess, firm_excess, max_layer
-            ):
+            if target < 0 or not _move_soil(columns, i, target, excess, firm_excess, max_layer):
                 break
             has_moved = True
             enqueue(queue, target)
@@ -180,7 +177,7 @@ def _find_target(  # type: ignore[no-untyped-def]
     max_score, min_excess = 0.0, tolerance
     is_firm_steep = False
     for n in range(count):
-        k = np.uint64(n if forward else count - 1 - n)
+        k = n if forward else count - 1 - n
         if not is_interior:
             r, c = row + offsets[k, 0], col + offsets[k, 1]
             if r < 0 or r >= rows or c < 0 or c >= cols:
@@ -245,7 +242,7 @@ def _enqueue_steep_above(columns, params, i, queue):  # type: ignore[no-untyped-
         if r < 0 or r >= params.rows or c < 0 or c >= params.cols:
             continue
         j = r * params.cols + c
-        rise = columns.height[np.uint64(j)] - columns.height[i] - params.tolerance
+        rise = columns.height[j] - columns.height[i] - params.tolerance
         # Most columns are below the smallest angle of repose of all soils: theirs need not be read.
         if rise > params.min_repose_tan * params.distance[k]:
             limit = params.repose_tan[columns.soil[j], columns.moisture[j]]

@@ -138,9 +138,8 @@ def deposit_with_runout(slopes, shares, first_index, budget):  # type: ignore[no
                 staying = volume - moving
                 if staying > 0:
                     bulk = np.int64(staying * bulking_factor + 0.5)
-                    at = np.uint64(i)  # unsigned: a third less time for a deposit
-                    add_loose(columns, at, staying, bulk, soil, moisture)
-                    loose_tangent = repose_tan[columns.loose_soil[at], columns.loose_moisture[at]]
+                    add_loose(columns, i, staying, bulk, soil, moisture)
+                    loose_tangent = repose_tan[columns.loose_soil[i], columns.loose_moisture[i]]
                     if loose_tangent != tangent or steps >= budget:
                         enqueue(queue, i)  # it may stand less steeply than the deposited soil
                 steps += 1
