@@ -8,15 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.machine_scenes import excavator
+from support.machine_scenes import excavator, machine_on_level_ground
 
 from earthmoving_sim.world import World
 from machine_sim.machine.arm_kinematics import arm_geometry, solve_arm_angles
+from machine_sim.physics_engine import pybullet
 from machine_sim.simulated_machine import Placement
 from machine_sim.simulation import MachineSim
 from msg_bridge.contract.grid import Grid
 from soil_sim.soil import Soil
 from soil_sim.soils.params import SoilParams
+from soil_sim.sweep_limits import SweepLimits
 
 EXCAVATOR = excavator()
 GRID = Grid(81, 81, 0.2)
@@ -138,6 +140,25 @@ def test_loaded_machine_that_rolls_over_a_cliff_loses_no_soil(make_digger) -> No
     assert digger.sim.machine.overturned
     assert digger.sim.payload.fill < 0.1
     digger.check()
+
+
+def test_sweeps_of_a_machine_that_overturns_are_accepted() -> None:
+    sim = machine_on_level_ground()
+    body, client = sim.machine.body, sim.machine.client_id
+    on_its_side = pybullet.getQuaternionFromEuler((1.2, 0.0, 0.0))
+    pybullet.resetBasePositionAndOrientation(body, (0.0, 0.0, 3.0), on_its_side, client)
+    sim.step()  # the sweep of this tick is the jump to the pose above
+    limits, messages = SweepLimits(20.0 * sim.params.tick_period), []
+    has_touched = False
+    for tick in range(150):
+        sweeps = sim.step().sweeps
+        messages += limits.check(tick, sweeps)[1]
+        has_touched |= bool(sim.machine.tracks.shoe_loads.any())
+    is_overturned = sim.machine.overturned
+    sim.close()
+    assert is_overturned
+    assert has_touched
+    assert not messages
 
 
 def test_machine_that_falls_on_its_bucket_does_not_dig_into_rock(make_digger) -> None:

@@ -111,6 +111,9 @@ class Tracks(Protocol):
 class SoleContact(NamedTuple):
     """Contact of the soles with the ground; one value for the left and one for the right track.
 
+    The soles are the shoes below the axles. An overturned machine lies on the upper run of a track:
+    with the shoes there, the soles would jump by the height of the track from tick to tick.
+
     Attributes:
         heights: z of the loaded soles, weighted by load [m], base frame.
         front_pressures, rear_pressures: pressure on the ground at the front and the rear axle [Pa].
@@ -133,6 +136,7 @@ def sole_contact(tracks: Tracks) -> SoleContact:
         tracks.shoe_poses,
         tracks.shoe_loads,
         0.5 * spec.axle_distance,
+        float(spec.axle_height),
         0.5 * spec.shoe_thickness,
         float(spec.shoe_width),
     )
@@ -140,22 +144,24 @@ def sole_contact(tracks: Tracks) -> SoleContact:
 
 
 @fixed_signature_kernel
-def _contact_of_soles(poses, loads, half_axle_distance, half_thickness, width):  # type: ignore[no-untyped-def]
+def _contact_of_soles(poses, loads, half_axle_distance, axle_height, half_thickness, width):  # type: ignore[no-untyped-def]
     """Return the heights, front and rear pressures of `SoleContact`."""
     left_height, left_front, left_rear = _contact_of_side(
-        poses[0], loads[0], half_axle_distance, half_thickness, width
+        poses[0], loads[0], half_axle_distance, axle_height, half_thickness, width
     )
     right_height, right_front, right_rear = _contact_of_side(
-        poses[1], loads[1], half_axle_distance, half_thickness, width
+        poses[1], loads[1], half_axle_distance, axle_height, half_thickness, width
     )
     return (left_height, right_height), (left_front, right_front), (left_rear, right_rear)
 
 
 @helper
-def _contact_of_side(poses, loads, half_axle_distance, half_thickness, width):  # type: ignore[no-untyped-def]
+def _contact_of_side(poses, loads, half_axle_distance, axle_height, half_thickness, width):  # type: ignore[no-untyped-def]
     """Return height of the soles [m], pressure at the front and at the rear [Pa] of one side."""
     between = height = load = moment = 0.0
     for k in range(len(poses)):
+        if poses[k, SHOE_Z] > axle_height:
+            continue
         x = poses[k, SHOE_X]
         if abs(x) < half_axle_distance:
             between += loads[k]

@@ -9,7 +9,7 @@ import pytest
 from support.machine_scenes import excavator
 
 from machine_sim.machine.tracks.track_model import SoleContact, sole_contact
-from machine_sim.machine.tracks.track_state import SHOE_X
+from machine_sim.machine.tracks.track_state import SHOE_X, SHOE_Z
 
 SPEC = excavator()
 NUM_SHOES = 20
@@ -18,10 +18,10 @@ X = LENGTH * ((np.arange(NUM_SHOES) + 0.5) / NUM_SHOES - 0.5)
 AREA = LENGTH * SPEC.tracks.shoe_width
 
 
-def contact_with(left: np.ndarray, right: np.ndarray) -> SoleContact:
-    """Return the contact of shoes along the ground with loads [N], shape (NUM_SHOES,) each."""
+def contact_with(left: np.ndarray, right: np.ndarray, z: float = 0.0) -> SoleContact:
+    """Return the contact of shoes at a height [m] with loads [N], shape (NUM_SHOES,) each."""
     poses = np.zeros((2, NUM_SHOES, 3))
-    poses[:, :, SHOE_X] = X
+    poses[:, :, SHOE_X], poses[:, :, SHOE_Z] = X, z
     tracks = SimpleNamespace(spec=SPEC, shoe_poses=poses, shoe_loads=np.stack([left, right]))
     return sole_contact(tracks)  # type: ignore[arg-type]
 
@@ -45,3 +45,10 @@ def test_end_that_is_lifted_has_no_pressure() -> None:
     contact_length = 3.0 * (0.5 * LENGTH - distance)
     expected = 2.0 * load / (contact_length * SPEC.tracks.shoe_width)
     assert found.rear_pressures == pytest.approx((expected, 0.0))
+
+
+def test_track_that_lies_on_its_upper_run_has_no_loaded_soles() -> None:
+    load = np.full(NUM_SHOES, 4e3)
+    upper_run = SPEC.tracks.axle_height + SPEC.tracks.sprocket_radius
+    on_upper_run, lifted = contact_with(load, load, upper_run), contact_with(0 * load, 0 * load)
+    assert on_upper_run == lifted
