@@ -39,6 +39,7 @@ from earthmoving_sim.replay.replayed_soil import ReplayedSoil
 from earthmoving_sim.replay.run_setups import RunConfigurations
 from earthmoving_sim.replay.saved_state import SavedMachines, SavedState
 from msg_bridge.bag.reader import BagReader
+from msg_bridge.bag.recording_begin import RECORD_FROM_BEGIN
 from msg_bridge.bag.writer import BagError
 from msg_bridge.checkpoint.state_file import load_state_file, save_state_file
 from msg_bridge.codec.run_config import parse_run_facts
@@ -335,8 +336,7 @@ class RunReplay:
         machines = self.machines.get(machine_id)
         if machines is None:
             raise ReplayError(
-                f"machine {machine_id} joined before the recording began; record from the begin of"
-                " the run, with required_subscribers: [exchange_recorder] of soil and machine nodes"
+                f"machine {machine_id} joined before the recording began; {RECORD_FROM_BEGIN}"
             )
         replayed = machines.perform(action)
         sent = machines.unsent_messages

@@ -13,6 +13,7 @@ from msg_bridge.audit.numbered_rows import NumberedRows, contiguous_ranges
 from msg_bridge.audit.report import Check, Finding
 from msg_bridge.audit.soil_ticks import SoilTicks
 from msg_bridge.audit.streams import CountedStream, counted_streams
+from msg_bridge.bag.recording_begin import RECORD_FROM_BEGIN
 from msg_bridge.contract.messages import Stream
 
 __all__ = ["check_completeness"]
@@ -70,6 +71,8 @@ def _find_missing_headers(
             if event.change is MembershipChange.JOINED:
                 machine_id = event.session.machine_id
                 text = f"machine {machine_id}'s join before tick {tick + 1} is missing"
+                if index == 0:  # later ones were lost while the bag was recorded
+                    text += f"; {RECORD_FROM_BEGIN}"
                 findings.append(Finding(Check.COMPLETENESS, text, tick, tick))
             else:
                 missing.setdefault(event.session, []).append(event.tick)

@@ -11,6 +11,7 @@ from support.recorded_messages import Recording, machine_topic
 
 from msg_bridge.audit.bag_audit import audit_bag
 from msg_bridge.audit.report import Check
+from msg_bridge.bag.recording_begin import RECORD_FROM_BEGIN
 from msg_bridge.codec.point_cloud import from_point_cloud, to_byte_array, to_point_cloud
 from msg_bridge.codec.row_chunks import chunk_dtype
 from msg_bridge.codec.terrain import TERRAIN_CELL
@@ -191,13 +192,12 @@ def test_missing_machine_header_is_reported_with_its_tick(recording, audit) -> N
     assert report.runs[0].max_imbalance_mm3 == 0  # nothing else is missing
 
 
-def test_missing_join_is_found(recording, audit) -> None:
+def test_bag_that_began_after_the_join_is_reported_with_the_remedy(recording, audit) -> None:
     modified = recording.copy()
     topic = machine_topic(1, "soil_tick")
     del modified.messages[modified.find(topic, lambda header: header.verb is Verb.JOIN)]
-    assert "machine 1's join before tick 1 is missing" in finding_texts(
-        audit(modified), Check.COMPLETENESS
-    )
+    found = finding_texts(audit(modified), Check.COMPLETENESS)
+    assert f"machine 1's join before tick 1 is missing; {RECORD_FROM_BEGIN}" in found
 
 
 def test_missing_soil_header_is_reported_with_its_tick(recording, audit) -> None:
