@@ -46,6 +46,8 @@ _KEY_RATE = 2.0
 
 _MAX_BATCH = 500
 """Maximum number of messages between two looks at the clock."""
+_MAX_WARNINGS = 10
+"""Maximum number of damaged messages with a warning of their own; all are counted."""
 _DEPTH = 1000
 _MAP, _UPDATES = f"/{topics.TERRAIN_MAP}", f"/{topics.TERRAIN_MAP_UPDATES}"
 _CLOCK = f"/{topics.CLOCK}"
@@ -62,6 +64,7 @@ class PlayerNode(Node):
     Attributes:
         finished: whether everything has been published; the process ends.
         skipped: type of each topic that is not played because the type is not installed.
+        damaged: numbers of the messages that could not be published.
         playback: the position in the bag.
     """
 
@@ -102,6 +105,7 @@ class PlayerNode(Node):
             )
         self.finished = False
         self._num_published = 0
+        self.damaged: set[int] = set()
         self._last_published: dict[str, bytes] = {}  # of transient-local topics
         self._clock_publisher = self._make_clock_publisher(reader)
         self._last_clock = 0.0
@@ -109,8 +113,11 @@ class PlayerNode(Node):
         self._create_control()
 
     def stop(self) -> None:
-        """Close the bag."""
+        """Close the bag, and report how many of its messages are damaged."""
         self._index.close()
+        if self.damaged:
+            count = count_text(len(self.damaged), "damaged message")
+            self.get_logger().warning(f"{self._path}: {count} not published")
 
     @property
     def num_topics(self) -> int:
@@ -271,8 +278,25 @@ class PlayerNode(Node):
                 if self._last_published.get(topic) == data:
                     continue
                 self._last_published[topic] = data
-            self._by_topic[topic].publish(data)
-            self._num_published += 1
+            try:
+                self._by_topic[topic].publish(data)
+            except RuntimeError as error:  # rclpy's RCLError is one
+                if not self.context.ok():
+                    raise
+                self._report_damaged(number, topic, error)
+            else:
+                self._num_published += 1
+
+    def _report_damaged(self, number: int, topic: str, error: Exception) -> None:
+        """Count a message that the middleware rejects, and warn of the first ones."""
+        if number in self.damaged:  # in a former loop, or before a seek
+            return
+        self.damaged.add(number)
+        if len(self.damaged) <= _MAX_WARNINGS:
+            self.get_logger().warning(
+                f"{self._path}, log time {self._index.times[number]} ns: a message on {topic} is"
+                f" damaged and is not published: {error}"
+            )
 
     def _check_other_publishers(self) -> None:
         """Check that no other node publishes what only one may publish.
@@ -305,6 +329,7 @@ class PlayerNode(Node):
             "is_paused": playback.is_paused,
             "is_finished": self.finished,
             "messages": self._num_published,
+            "damaged_messages": len(self.damaged),
             "time_behind": round(playback.time_behind, 3),
         }
 

@@ -127,3 +127,19 @@ def test_clock_is_recorded_or_made_from_log_times(
     ros.spin_for(0.1)
     assert {message.clock.sec for message in clocks} == seconds
     player.stop()
+
+
+def test_damaged_messages_are_left_out_and_counted(ros: Ros, tmp_path: Path) -> None:
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic("/value", "std_msgs/msg/Float64", [OfferedQos()])
+    for number in range(20):
+        data = serialize_message(Float64(data=float(number)))
+        time = 50 * SECOND + number * SECOND // 100
+        writer.write("/value", data + bytes(5000) if number in (7, 8) else data, time, time)
+    writer.close()
+    values = ros.collect("/value", Float64)
+    player = play(ros, tmp_path / "bag")
+    ros.spin_until(lambda: player.finished and len(values) == 18)
+    assert {message.data for message in values} == set(range(20)) - {7, 8}
+    assert player.status()["damaged_messages"] == 2
+    player.stop()
