@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.blade_draft.blade import Blade
+from benchmarks.blade_draft.blade import SPEED, Blade
 from benchmarks.blade_draft.chart import draw_chart
 from benchmarks.blade_draft.measured import SANDS, BladeTest, Draft, read_tests, simulate
 from benchmarks.blade_draft.resolved import ResolvedDrag, read_drags, simulate_drag
-from benchmarks.blade_draft.sphere_drag import drag_in_spheres
+from benchmarks.blade_draft.sphere_drag import drag_in_spheres, write_input
 from benchmarks.liggghts_runner import is_installed
 
 DRY = SANDS[0]
@@ -53,6 +54,22 @@ def test_chart_is_drawn(tmp_path: Path) -> None:
     drafts = [Draft(BladeTest(0.2, 0.1, 280.0, 35.0), forces)]
     draw_chart(tmp_path / "draft.png", drafts, [(drag, drag)])
     assert (tmp_path / "draft.png").stat().st_size > 0
+
+
+def test_blade_in_liggghts_moves_through_the_bed_at_its_depth(tmp_path: Path) -> None:
+    width, depth, travel = 0.3, 0.2, 0.15
+    blade = Blade(width, depth, 60.0, "")
+    assert write_input(blade, 20.0, travel, 0.04, tmp_path) == width
+    corners = re.findall(r"vertex (\S+) (\S+) (\S+)", (tmp_path / "tool.stl").read_text())
+    x, y, z = np.array(corners, dtype=float).T
+    assert z.min() == pytest.approx(-depth)
+    assert np.ptp(y) == pytest.approx(width, abs=1e-5)
+    assert np.ptp(z) / np.ptp(x) == pytest.approx(math.tan(math.radians(blade.rake)))
+    script = (tmp_path / "in.txt").read_text()
+    timestep = float(re.findall(r"timestep (\S+)", script)[0])
+    steps = int(re.findall(r"run (\d+)", script)[-1])
+    assert SPEED * timestep * steps == pytest.approx(travel)
+    assert f"linear {SPEED} 0. 0." in script
 
 
 @pytest.mark.skipif(not is_installed(), reason="LIGGGHTS is not installed")
