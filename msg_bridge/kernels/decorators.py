@@ -52,7 +52,9 @@ def helper(function: Any = None, *, allocates: bool = False, **options: Any) -> 
         function: the function to compile.
         allocates: whether it makes arrays, returns any, or calls a kernel that returns any. All
             other helpers are compiled without reference counts: for each call those of a table of
-            arrays take ten times as long as reading from it.
+            arrays take ten times as long as reading from it. So a loop over tables is in a helper
+            of its own, and the kernel around it makes the arrays: which of its counts Numba
+            removes from a loop depends on what the process compiled before.
         options: further options of `numba.njit`.
     """
     if function is None:

@@ -233,12 +233,18 @@ def _remove_from_columns(boxed_columns, boxed_refined, num_refined):  # type: ig
 @helper(allocates=True)
 def _remove(columns, refined, num_refined):  # type: ignore[no-untyped-def]
     """Remove soil as `_remove_from_columns`; `refined` has the fields of `RefinedArrays`."""
+    removed = np.empty(num_refined, REMOVED_SOIL)
+    return removed[: _fill_removed(columns, refined, removed)]
+
+
+@helper
+def _fill_removed(columns, refined, removed):  # type: ignore[no-untyped-def]
+    """Remove soil as `_remove`, without counts of references; return the number of records."""
     moments, subcolumn_height = refined.removed_moments, refined.subcolumn_height
     cells, mean_height = refined.cells, refined.mean_height
     num_subcolumns = subcolumn_height.shape[1]
-    removed = np.empty(num_refined, REMOVED_SOIL)
     count = 0
-    for slot in range(num_refined):
+    for slot in range(removed.size):
         height_sum = moments[slot, REMOVED_HEIGHT]
         if height_sum <= 0.0:
             continue
@@ -261,4 +267,4 @@ def _remove(columns, refined, num_refined):  # type: ignore[no-untyped-def]
         record.soil = columns.soil[i] if firm > loose else columns.loose_soil[i]
         record.moisture = mix_moisture(loose, columns.loose_moisture[i], firm, columns.moisture[i])
         count += 1
-    return removed[:count]
+    return count

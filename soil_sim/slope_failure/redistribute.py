@@ -168,8 +168,18 @@ def _redistribute(columns, cells, change, bounds):  # type: ignore[no-untyped-de
         change: planned changes of height [m], none of them 0.
         bounds: index of the first column of each failure, and the number of columns.
     """
-    volumes = np.empty(2 * cells.size, np.int64)  # lots of soil that was lost, in order
+    volumes = np.empty(2 * cells.size, np.int64)
     kinds, moistures = np.empty(volumes.size, np.uint8), np.empty(volumes.size, np.uint8)
+    _move_lots(columns, cells, change, bounds, volumes, kinds, moistures)
+
+
+@helper
+def _move_lots(columns, cells, change, bounds, volumes, kinds, moistures):  # type: ignore[no-untyped-def]
+    """Redistribute soil as `_redistribute`, without counts of references to the columns.
+
+    `volumes`, `kinds` and `moistures` are scratch: the lots of soil that was lost, in order; two
+    for each column.
+    """
     for n in range(bounds.size - 1):
         first, end = bounds[n], bounds[n + 1]
         bank = np.int64(0)

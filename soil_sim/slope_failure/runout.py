@@ -88,17 +88,36 @@ def deposit_with_runout(slopes, shares, first_index, budget):  # type: ignore[no
     Returns:
         The number of steps: moves from a column to a neighbour.
     """
-    columns, params, occupied, queue = slopes.table
+    _, params, _, _ = slopes.table
     _merge_duplicates(shares, first_index)
-    # The arrays are read from their tuples here: in the loops Numba would count references to them.
-    height, repose_tan, tolerance = columns.height, params.repose_tan, params.tolerance
+    index_offset, between, preference = _list_neighbours(params)
+    count = params.distance.size
+    pending = np.arange(shares.cells.size)
+    return _deposit_layers(
+        slopes.table, shares, budget, pending, index_offset, between, preference,
+        np.empty(2 * count), np.empty(count),
+    )  # fmt: skip
+
+
+@helper
+def _deposit_layers(  # type: ignore[no-untyped-def]
+    slopes, shares, budget, pending, index_offset, between, preference, limit, scores
+):
+    """Deposit the shares layer by layer, without counts of references; return the number of steps.
+
+    Args:
+        slopes, shares, budget: see `deposit_with_runout`.
+        pending: indices of all shares; changed.
+        index_offset, between, preference: see `_list_neighbours`.
+        limit: scratch, shape (2 n,).
+        scores: scratch, shape (n,).
+    """
+    columns, params, occupied, queue = slopes
     cells, volumes, soils, moistures = shares
+    height, repose_tan, tolerance = columns.height, params.repose_tan, params.tolerance
     rows, cols, reach, count = params.rows, params.cols, params.reach, params.distance.size
     thin, thick = _MIN_LAYER * params.distance[0], _MAX_LAYER * params.distance[0]
     is_even = params.jitter == 0.0 and params.repose_tan_scale.size == 0
-    index_offset, between, preference = _list_neighbours(params)
-    limit, scores = np.empty(2 * count), np.empty(count)
-    pending = np.arange(cells.size)
     num_pending = _keep_pending(volumes, pending, pending.size)
     steps = 0
     limit_tangent = np.nan
