@@ -2,6 +2,7 @@
 
 - `earthmoving_equation`: force of soil on a blade (fundamental earthmoving equation)
 - `failure_wedge`: the same below a sloping surface, with soil that fails beside the blade
+- `curved_failure`: factor of the force on steep and rough faces
 - `surface_ahead`: depth and slope of the surface before an edge; `uneven_surface`: factor of the
   force before a berm or a bank
 - `rock_pick`: force of rock on a conical pick (Evans, Goktan)

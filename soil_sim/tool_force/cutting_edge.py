@@ -18,6 +18,7 @@ ahead of it, so uneven ground, mixed soils and an edge partly in the air need no
   the edge (`surface_ahead`): the same for any cell size and direction. Depth and slope are those of
   this line, and the force is that of a wedge below a sloping surface (`failure_wedge`), times a
   factor where the surface is uneven, as before a berm (`uneven_surface`).
+- **Steep and rough faces** resist less than a plane wedge gives (`curved_failure`).
 - **Inclined travel.** Travel along the slope, or into the surface, turns the blade with it: gravity
   and the surface keep their directions. So the rake to the horizontal is that to the travel less
   the climb angle of the travel. The rest of a climb, out of the surface, does not turn the wedge.
@@ -50,6 +51,7 @@ from typing import NamedTuple
 import numpy as np
 
 from msg_bridge.kernels import helper
+from soil_sim.tool_force.curved_failure import curved_failure_factor
 from soil_sim.tool_force.failure_wedge import MIN_RAKE, wedge_force
 from soil_sim.tool_force.rock_pick import goktan_force
 from soil_sim.tool_force.strength_table import loose_cover, packed_share
@@ -342,12 +344,15 @@ def blade_strip_force(  # type: ignore[no-untyped-def]
         width, ends[0], ends[1], depth, rake - turn, surface.slope, surcharge, gamma,
         strength[kind].phi, strength[kind].delta, cohesion, adhesion,
     )  # fmt: skip
+    factor = curved_failure_factor(
+        rake - turn + min(surface.slope, 0.0), strength[kind].phi, strength[kind].delta
+    )
     if gamma > 0.0:
-        factor = uneven_surface_factor(
+        factor *= uneven_surface_factor(
             surface, samples, rake - turn, strength[kind].phi, strength[kind].delta,
             cohesion / gamma, ends[1],
         )  # fmt: skip
-        horizontal, vertical = factor * horizontal, factor * vertical
+    horizontal, vertical = factor * horizontal, factor * vertical
     # From the frame of the wedge to that of the travel.
     cos, sin = math.cos(turn), math.sin(turn)
     return (

@@ -41,10 +41,9 @@ which is Coulomb's passive earth pressure. No search is needed.
 
 Limits of the theory:
 
-- For Omega near 180 deg there is no wedge, and the plane wedge overestimates the force already
-  below. Dead soil then builds up in front of the face (Hettiaratchi and Reece, Géotechnique 25,
-  1975), which is not modelled: the rake is clamped to the value where Omega is `MAX_ANGLE_SUM`
-  (102 deg in the loam below).
+- For Omega near 180 deg there is no wedge, and the rake is clamped to the value where Omega is
+  `MAX_ANGLE_SUM` (102 deg in the loam below). The plane wedge overestimates the force already
+  below; forces on tools have a factor for that (`curved_failure`), which this equation has not.
 - Below `MIN_RAKE` the face under the wedge would be longer than that of a tool: the rake is clamped
   to `MIN_RAKE`.
 - If the face is rougher than the soil, the soil fails next to it: delta is clamped to phi. Clay

@@ -30,9 +30,10 @@ surcharge (McKyes and Ali, The cutting of soil by narrow blades, J. Terramechani
 They make a steeper plane the one of least resistance: y is multiplied by the ratio of the y that
 minimize the term of the weight with and without crescents.
 
-The dead wedge in front of steep and rough faces is not modelled; see `earthmoving_equation` for the
-limits of the angles. epsilon is limited so that rho' and rho' + delta + phi keep within them, and
-to -phi below, where soil without cohesion slides without being pushed.
+On steep and rough faces the force is less than that of a plane wedge, see `curved_failure`; see
+`earthmoving_equation` for the limits of the angles. epsilon is limited so that rho' and
+rho' + delta + phi keep within them, and to -phi below, where soil without cohesion slides without
+being pushed.
 """
 
 from __future__ import annotations

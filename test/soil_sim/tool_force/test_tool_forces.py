@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.limit_state import curved_failure_ratio
 from support.soil_scenes import (
     NO_DEPOSIT_REQUESTS,
     bucket_sweep,
@@ -44,8 +45,16 @@ def expected(
     num_ends: float = 2.0,
     kind: SoilType | None = None,
 ) -> np.ndarray:
-    """Return the force on a blade that moves toward +x; rake and slope in degrees."""
+    """Return the force on a blade that moves toward +x; rake and slope in degrees.
+
+    That of the trial wedge, times the ratio of exact and plane failure on level ground.
+    """
     kind = kind or KINDS[name]
+    ratio = curved_failure_ratio(
+        math.radians(rake + min(slope, 0.0)),
+        math.radians(kind.internal_friction),
+        math.radians(kind.tool_friction),
+    )
     factor = kind.moisture_strength_factor(kind.moisture)
     found = compute_blade_force(
         width=width,
@@ -59,7 +68,7 @@ def expected(
         slope=math.radians(slope),
         num_ends=num_ends,
     )
-    return np.array([-found.horizontal, 0.0, found.vertical])
+    return ratio * np.array([-found.horizontal, 0.0, found.vertical])
 
 
 def rotated(sweep: Rows, angle: float) -> Rows:
@@ -297,7 +306,7 @@ def test_force_on_side_in_level_soil_is_that_of_earthmoving_equation(name, way) 
     sweep = tool_sweep(BOX, (0, 0, -DEPTH), (0, way, -DEPTH))
     found = force(flat_soil(6.0, 0.2, soil=name), sweep)
     blade = expected(name, 90.0, width=0.8, num_ends=0.0)
-    assert found == pytest.approx([0.0, math.copysign(blade[0], -way), 0.0], rel=1e-4, abs=1.0)
+    assert found == pytest.approx([0.0, math.copysign(blade[0], -way), 0.0], rel=0.02, abs=1.0)
 
 
 def test_depth_of_bucket_side_is_that_of_its_outline() -> None:
