@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from msg_bridge.kernels import fixed_signature_kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper
 
 __all__ = [
     "cross",
@@ -17,6 +17,7 @@ __all__ = [
     "rotation_matrix",
     "rotation_of",
     "rpy_from_rotation",
+    "set_rotation",
 ]
 
 Array = NDArray[np.float64]
@@ -39,7 +40,13 @@ def rotation_of(x: float, y: float, z: float, w: float) -> Array:
 
 @fixed_signature_kernel
 def _set_rotation(x, y, z, w, rotation):  # type: ignore[no-untyped-def]
-    """Fill the rotation matrix of a quaternion."""
+    """Run `set_rotation` alone."""
+    set_rotation(x, y, z, w, rotation)
+
+
+@helper
+def set_rotation(x, y, z, w, rotation):  # type: ignore[no-untyped-def]
+    """Fill the first three rows of an array with the rotation matrix of a quaternion."""
     # The quaternions of the physics engine have unit length only to about 1e-6.
     scale = 1.0 / math.sqrt(x * x + y * y + z * z + w * w)
     x, y, z, w = x * scale, y * scale, z * scale, w * scale

@@ -21,7 +21,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.ground.contact_surface import Ground
-from machine_sim.machine.actuator_step import actuator_step
+from machine_sim.machine.actuator_step import ActuatorTables
+from machine_sim.machine.base_motion import (
+    ANGULAR_VELOCITY,
+    CENTER_OF_MASS,
+    ROTATION,
+    VELOCITY,
+    base_motion,
+)
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.hydraulics import HydraulicSystem
 from machine_sim.machine.joint_reference import JointReference
@@ -35,7 +42,7 @@ from machine_sim.machine.joint_table import (
     UPPER,
 )
 from machine_sim.machine.multibody import load_multibody
-from machine_sim.machine.rotations import cross, rotation_of
+from machine_sim.machine.rotations import cross
 from machine_sim.machine.spec import BASE, MachineSpec
 from machine_sim.machine.tools.tool import Tool
 from machine_sim.machine.tracks import (
@@ -49,6 +56,7 @@ from machine_sim.machine.validation import finite_numbers
 from machine_sim.machine.valves import Valves
 from machine_sim.physics_engine import pybullet
 from msg_bridge.contract.cylinder_state import CylinderState
+from msg_bridge.kernels import box_table
 
 __all__ = ["OVERTURNED_TILT", "TrackedMachine"]
 
@@ -130,6 +138,18 @@ class TrackedMachine:
         motor_joints = [spec.joint_names.index(name) for name in spec.motors]
         self._reference = JointReference(self._limits, spec.home, motor_joints)
         self._joint_motion = self._reference.table[ANGLE : EFFORT + 1].reshape(-1)  # a view
+        self._motor_targets = self._reference.table[TARGET_ANGLE : TORQUE_LIMIT + 1]  # another
+        self._actuators = box_table(
+            ActuatorTables(
+                self._valves.table,
+                self._reference.table,
+                self.hydraulics.cylinder_table,
+                self.hydraulics.motor_table,
+                self.hydraulics.supply_table,
+                self.tracks.drive_forces,
+                self.tracks.command,
+            )
+        )
         pose = standing_pose(spec, ground, x, y, yaw)
         self.body, self._joints = load_multibody(self.client_id, self.tracks.urdf(), spec, *pose)
         self.tracks.attach(self.client_id, self.body, *pose)
@@ -225,19 +245,12 @@ class TrackedMachine:
 
     def before_step(self, dt: float) -> None:
         """Apply forces and motor targets for the physics engine's next step of `dt` [s]."""
-        self._advance_actuators(dt)
-        wrench = self.tracks.step(
-            dt,
-            self._com,
-            self._rotation,
-            self._com_velocity,
-            self._angular_velocity,
-            self._main_body_angle,
-        ).tolist()
+        self._valves.transmit(dt, self._command)
+        wrench = self.tracks.step(dt, self._motion, self._main_body_angle, self._actuators)
+        self._set_joint_motors()
         body, client, world = self.body, self.client_id, pybullet.WORLD_FRAME
-        force, torque = wrench[:3], wrench[3:]
-        pybullet.applyExternalForce(body, -1, force, self._com_list, world, client)
-        pybullet.applyExternalTorque(body, -1, torque, world, client)
+        pybullet.applyExternalForce(body, -1, wrench[:3], self._com_list, world, client)
+        pybullet.applyExternalTorque(body, -1, wrench[3:], world, client)
         for tool in self.tools.values():
             tool.before_step()
 
@@ -250,10 +263,7 @@ class TrackedMachine:
         body, client = self.body, self.client_id
         self._com_list, self._quaternion = pybullet.getBasePositionAndOrientation(body, client)
         velocity, angular_velocity = pybullet.getBaseVelocity(body, client)
-        self._com = np.array(self._com_list)
-        self._rotation = rotation_of(*self._quaternion)
-        self._com_velocity = np.array(velocity)
-        self._angular_velocity = np.array(angular_velocity)
+        self._motion = base_motion(self._com_list, self._quaternion, velocity, angular_velocity)
         if self._joints:  # pybullet does not accept an empty list
             states = pybullet.getJointStates(body, self._joints, client)
             self._angles, self._rates, _, self._efforts = zip(*states, strict=True)
@@ -302,14 +312,15 @@ class TrackedMachine:
     @property
     def base_frame(self) -> tuple[Array, Array]:
         """Rotation matrix `base_link` to map, shape (3, 3), and its origin [m], shape (3,)."""
-        return self._rotation, self._com - self._rotation.dot(self._base_com)
+        rotation = self._motion[ROTATION]
+        return rotation, self._motion[CENTER_OF_MASS] - rotation.dot(self._base_com)
 
     @property
     def base_velocity(self) -> tuple[Array, Array]:
         """Velocity of `base_link`'s origin [m/s] and angular velocity [rad/s], map frame."""
-        angular_velocity = self._angular_velocity.copy()
-        arm = self._rotation.dot(self._base_com)
-        return self._com_velocity - cross(angular_velocity, arm), angular_velocity
+        angular_velocity = self._motion[ANGULAR_VELOCITY].copy()
+        arm = self._motion[ROTATION].dot(self._base_com)
+        return self._motion[VELOCITY] - cross(angular_velocity, arm), angular_velocity
 
     @property
     def tool(self) -> Tool:
@@ -325,7 +336,7 @@ class TrackedMachine:
     @property
     def tilt(self) -> float:
         """Angle between the base's z axis and the vertical [rad]."""
-        return math.acos(min(max(float(self._rotation[2, 2]), -1.0), 1.0))
+        return math.acos(min(max(float(self._motion[2, 2]), -1.0), 1.0))
 
     @property
     def overturned(self) -> bool:
@@ -348,23 +359,11 @@ class TrackedMachine:
             [*is_hydraulic, *[spec.tracks.motor is not None] * 2],
         )
 
-    def _advance_actuators(self, dt: float) -> None:
-        """Set the speeds of the tracks and the targets of the joint motors for the next step."""
-        self._valves.transmit(dt, self._command)
-        hydraulics, joints = self.hydraulics, self._reference.table
-        actuator_step(
-            dt,
-            self._valves.table,
-            joints,
-            hydraulics.cylinder_table,
-            hydraulics.motor_table,
-            hydraulics.supply_table,
-            self.tracks.drive_forces,
-            self.tracks.command,
-        )
+    def _set_joint_motors(self) -> None:
+        """Set the targets of the joint motors for the next step."""
         if not self._joints:
             return
-        angles, rates, torques = joints[TARGET_ANGLE : TORQUE_LIMIT + 1].tolist()
+        angles, rates, torques = self._motor_targets.tolist()
         pybullet.setJointMotorControlArray(
             self.body,
             self._joints,
@@ -374,7 +373,7 @@ class TrackedMachine:
             torques,
             self._position_gains,
             self._velocity_gains,
-            physicsClientId=self.client_id,
+            self.client_id,
         )
 
     def _ordered_velocities(self, velocities: Mapping[str, float] | ArrayLike) -> ArrayLike:

@@ -24,7 +24,6 @@ from machine_sim.machine.tracks.rigid_body import (
 from machine_sim.machine.tracks.track_state import (
     ContactCoefficients,
     ContactPoints,
-    MachineMotion,
     TrackDimensions,
 )
 from msg_bridge.kernels import helper, kernel
@@ -71,14 +70,17 @@ def _box_corners(spec: MachineSpec) -> Array:
 
 
 @kernel
-def body_contact(motion, dimensions, body, coefficients, wrench):  # type: ignore[no-untyped-def]
-    """Write the ground's wrench on the main body; arguments as in `add_body_contact`.
+def body_contact(motion, swing, dimensions, body, coefficients, wrench):  # type: ignore[no-untyped-def]
+    """Write the ground's wrench on the main body; other arguments as in `add_body_contact`.
 
     The structures are plain tuples with the elements of the named ones; see `track_state`.
+
+    Args:
+        motion: packed motion of the base, see `base_motion`.
+        dimensions: `TrackDimensions`.
     """
-    motion, dimensions = MachineMotion(*motion), TrackDimensions(*dimensions)
+    dimensions = TrackDimensions(*dimensions)
     body, coefficients = MainBody(*body), ContactCoefficients(*coefficients)
-    swing = (motion.swing_cos, motion.swing_sin)
     wrench[:] = 0.0
     add_body_contact(base_frame(motion), swing, dimensions.base_com, body, coefficients, wrench)
 

@@ -12,6 +12,13 @@ import math
 import numpy as np
 
 from machine_sim.ground.contact_surface import Ground
+from machine_sim.machine.actuator_step import actuator_step
+from machine_sim.machine.base_motion import (
+    ANGULAR_VELOCITY,
+    CENTER_OF_MASS,
+    ROTATION,
+    VELOCITY,
+)
 from machine_sim.machine.errors import MachineError
 from machine_sim.machine.spec import BASE, MachineSpec
 from machine_sim.machine.tracks.axle_contact import axle_coefficients
@@ -41,6 +48,7 @@ from machine_sim.machine.tracks.track_state import ContactCoefficients, ContactP
 from machine_sim.machine.tracks.undercarriage import UndercarriageSupport
 from machine_sim.physics_engine import pybullet
 from msg_bridge.contract.constants import GRAVITY
+from msg_bridge.kernels import BoxedTable
 
 __all__ = ["DynamicTracks"]
 
@@ -144,21 +152,19 @@ class DynamicTracks(TrackBase):
     def step(
         self,
         dt: float,
-        com: Array,
-        rotation: Array,
-        velocity: Array,
-        angular_velocity: Array,
+        motion: Array,
         swing: float,
-    ) -> Array:
+        actuators: BoxedTable,
+    ) -> list[float]:
         """Apply the forces of ground, undercarriage and drive in the next step; see `Tracks`."""
+        actuator_step(dt, actuators)
         bodies = self._bodies
         # Before the forces are found: those on a chain that has come off would act on the new one.
-        self._reseat_chains((com, rotation, velocity, angular_velocity))
+        self._reseat_chains(motion)
         self._chains.read(bodies.states)
         if not np.isfinite(bodies.states).all():
             raise MachineError("the motion of the tracks is not finite; take a shorter time step")
         supports, coefficients = self._step_coefficients(dt)
-        motion = (com, rotation, velocity, angular_velocity, math.cos(swing), math.sin(swing))
         dimensions = tuple(self._dimensions)
         dynamic_track_step(
             dt,
@@ -176,7 +182,12 @@ class DynamicTracks(TrackBase):
             tuple(self._state),
         )
         body_contact(
-            motion, dimensions, tuple(self._main_body), tuple(coefficients), self._body_wrench
+            motion,
+            (math.cos(swing), math.sin(swing)),
+            dimensions,
+            tuple(self._main_body),
+            tuple(coefficients),
+            self._body_wrench,
         )
         self.wrench += self._body_wrench
         tracks = self.spec.tracks
@@ -185,7 +196,8 @@ class DynamicTracks(TrackBase):
         self._chains.apply_forces(bodies.forces, bodies.states[:, SHOE_POSITION:SHOE_QUATERNION])
         self._drive(dt)
         self._lock_idlers(dt)
-        return self._base_wrench + self._body_wrench
+        wrench: list[float] = (self._base_wrench + self._body_wrench).tolist()
+        return wrench
 
     def _step_coefficients(self, dt: float) -> tuple[UndercarriageSupport, ContactCoefficients]:
         """Return the springs and dampers of a shoe on the undercarriage and at a contact point.
@@ -281,17 +293,17 @@ class DynamicTracks(TrackBase):
                     physicsClientId=self._client,
                 )
 
-    def _reseat_chains(self, motion: tuple[Array, ...]) -> None:
+    def _reseat_chains(self, motion: Array) -> None:
         """Put a chain that has come off back around its wheels, without tension.
 
         It is at rest relative to the base.
 
         Args:
-            motion: centre of mass of the base [m], its rotation matrix, velocity [m/s] and angular
-                velocity [rad/s], map frame.
+            motion: packed motion of the base, see `base_motion`.
         """
         limit = _MAX_PATH_DEVIATION * self.spec.tracks.sprocket_radius
-        com, rotation, velocity, angular_velocity = motion
+        rotation, com = motion[ROTATION], motion[CENTER_OF_MASS]
+        velocity, angular_velocity = motion[VELOCITY], motion[ANGULAR_VELOCITY]
         for side, deviation in enumerate(self._bodies.path_deviations.tolist()):
             if not deviation > limit:
                 continue

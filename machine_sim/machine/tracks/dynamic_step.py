@@ -50,7 +50,6 @@ from machine_sim.machine.tracks.track_state import (
     SHOE_Z,
     ContactCoefficients,
     ContactPoints,
-    MachineMotion,
     TrackDimensions,
     TrackState,
 )
@@ -128,7 +127,7 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
 
     Args:
         dt: time step [s].
-        motion: `MachineMotion`.
+        motion: packed motion of the base, see `base_motion`.
         dimensions: `TrackDimensions`.
         supports: `UndercarriageSupport`.
         coefficients: `ContactCoefficients` of one contact point of a shoe.
@@ -143,7 +142,7 @@ def dynamic_track_step(  # type: ignore[no-untyped-def]
         state: `TrackState`; all but travel and drive forces is updated. The wrench is that of the
             ground on shoes and base.
     """
-    motion, dimensions = MachineMotion(*motion), TrackDimensions(*dimensions)
+    dimensions = TrackDimensions(*dimensions)
     supports, coefficients = UndercarriageSupport(*supports), ContactCoefficients(*coefficients)
     rail_coefficients = ContactCoefficients(*rail_coefficients)
     soil, points, shoes = SoilPatch(*soil), ContactPoints(*points), ShoeBodies(*shoes)

@@ -75,16 +75,11 @@ class KinematicTracks(TrackBase):
     def step(
         self,
         dt: float,
-        com: Array,
-        rotation: Array,
-        velocity: Array,
-        angular_velocity: Array,
+        motion: Array,
         swing: float,
-    ) -> Array:
+        actuators: BoxedTable,
+    ) -> list[float]:
         """Advance the belts and return the ground's wrench on the base; see `Tracks.step`."""
-        kinematic_track_step(
-            dt,
-            (com, rotation, velocity, angular_velocity, math.cos(swing), math.sin(swing)),
-            self._tables,
-        )
-        return self.wrench
+        kinematic_track_step(dt, motion, math.cos(swing), math.sin(swing), actuators, self._tables)
+        wrench: list[float] = self.wrench.tolist()
+        return wrench

@@ -1,5 +1,7 @@
 """Kernel of the kinematic tracks: places the shoes on their path and advances the belts.
 
+It advances the actuators of the machine first, which command the belts. Then:
+
 1. Place each shoe on the path of its belt. It touches the ground at its middle; the shoe that is
    below an axle touches it there, so that the track ends at its axles wherever the shoes are.
 2. Find the ground's force on both contact points of the shoes that face the ground.
@@ -15,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from machine_sim.machine.actuator_step import advance_actuators
 from machine_sim.machine.tracks.body_contact import MainBody, add_body_contact
 from machine_sim.machine.tracks.rigid_body import (
     add_wrench,
@@ -38,7 +41,6 @@ from machine_sim.machine.tracks.track_state import (
     BeltDrive,
     ContactCoefficients,
     ContactPoints,
-    MachineMotion,
     TrackDimensions,
     TrackState,
 )
@@ -84,16 +86,19 @@ class KinematicTables(NamedTuple):
 
 
 @fixed_signature_kernel
-def kinematic_track_step(dt, motion, boxed):  # type: ignore[no-untyped-def]
-    """Advance both belts by one time step and find the ground's wrench on the machine.
+def kinematic_track_step(dt, motion, swing_cos, swing_sin, actuators, boxed):  # type: ignore[no-untyped-def]
+    """Advance actuators and both belts by one time step, and find the ground's wrench.
 
     Args:
         dt: time step [s].
-        motion: elements of `MachineMotion` as a plain tuple; see `track_state`.
+        motion: packed motion of the base, see `base_motion`.
+        swing_cos, swing_sin: cosine and sine of the angle of the main body's joint.
+        actuators: boxed `ActuatorTables`, which set the commanded belt speeds.
         boxed: boxed `KinematicTables`; the state, the contact points and the maximum sinkage of
             the soil are updated.
     """
-    motion, tables = MachineMotion(*motion), boxed.table
+    advance_actuators(dt, actuators.table)
+    tables = boxed.table
     dimensions, coefficients, state = tables.dimensions, tables.coefficients, tables.state
     base = base_frame(motion)
     length = 4.0 * dimensions.half_axle_distance + 2.0 * math.pi * dimensions.sprocket_radius
@@ -119,7 +124,7 @@ def kinematic_track_step(dt, motion, boxed):  # type: ignore[no-untyped-def]
             state.mean_speeds, side, dt, state.speed[side], base, dimensions.base_com, y_track
         )
         state.travel[side] = (state.travel[side] + state.speed[side] * dt) % length
-    swing = (motion.swing_cos, motion.swing_sin)
+    swing = (swing_cos, swing_sin)
     add_body_contact(base, swing, dimensions.base_com, tables.body, coefficients, state.wrench)
 
 

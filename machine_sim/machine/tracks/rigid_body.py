@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from machine_sim.machine.base_motion import ANGULAR_VELOCITY, CENTER_OF_MASS, VELOCITY
 from machine_sim.machine.box import Vec3
-from machine_sim.machine.tracks.track_state import MachineMotion
 from msg_bridge.kernels import helper
 
 __all__ = [
@@ -31,7 +31,7 @@ FORCE_X, FORCE_Y, FORCE_Z, TORQUE_X, TORQUE_Y, TORQUE_Z = range(6)
 
 
 class BaseFrame(NamedTuple):
-    """Pose and motion of the base's centre of mass in the map frame; see `MachineMotion`."""
+    """Pose and motion of the base's centre of mass in the map frame."""
 
     center_of_mass: Vec3
     rotation: tuple[Vec3, Vec3, Vec3]
@@ -40,19 +40,17 @@ class BaseFrame(NamedTuple):
 
 
 @helper(forceinline=True)
-def base_frame(motion: MachineMotion):  # type: ignore[no-untyped-def]
-    """Return the arrays of a `MachineMotion` as tuples."""
-    com, r = motion.center_of_mass, motion.rotation
-    v, w = motion.velocity, motion.angular_velocity
+def base_frame(motion):  # type: ignore[no-untyped-def]
+    """Return the rows of a packed motion of the base (`base_motion`) as tuples."""
     return BaseFrame(
-        (com[0], com[1], com[2]),
+        (motion[CENTER_OF_MASS, 0], motion[CENTER_OF_MASS, 1], motion[CENTER_OF_MASS, 2]),
         (
-            (r[0, 0], r[0, 1], r[0, 2]),
-            (r[1, 0], r[1, 1], r[1, 2]),
-            (r[2, 0], r[2, 1], r[2, 2]),
+            (motion[0, 0], motion[0, 1], motion[0, 2]),
+            (motion[1, 0], motion[1, 1], motion[1, 2]),
+            (motion[2, 0], motion[2, 1], motion[2, 2]),
         ),
-        (v[0], v[1], v[2]),
-        (w[0], w[1], w[2]),
+        (motion[VELOCITY, 0], motion[VELOCITY, 1], motion[VELOCITY, 2]),
+        (motion[ANGULAR_VELOCITY, 0], motion[ANGULAR_VELOCITY, 1], motion[ANGULAR_VELOCITY, 2]),
     )
 
 

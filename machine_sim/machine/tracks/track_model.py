@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from machine_sim.machine.spec import MachineSpec
 from machine_sim.machine.tracks.running_gear import with_dynamic_tracks
 from machine_sim.machine.tracks.track_state import SHOE_X, SHOE_Z
-from msg_bridge.kernels import fixed_signature_kernel, helper
+from msg_bridge.kernels import BoxedTable, fixed_signature_kernel, helper
 
 __all__ = [
     "TRACK_MODELS",
@@ -86,25 +86,21 @@ class Tracks(Protocol):
     def step(
         self,
         dt: float,
-        com: Array,
-        rotation: Array,
-        velocity: Array,
-        angular_velocity: Array,
+        motion: Array,
         swing: float,
-    ) -> Array:
-        """Advance the belts by one time step.
+        actuators: BoxedTable,
+    ) -> list[float]:
+        """Advance the actuators of the machine, then the belts by one time step.
 
         Args:
             dt: time step [s].
-            com: centre of mass of the base [m], map frame, shape (3,).
-            rotation: rotation matrix base to map, shape (3, 3).
-            velocity: velocity of the centre of mass [m/s], map frame, shape (3,).
-            angular_velocity: angular velocity of the base [rad/s], map frame, shape (3,).
+            motion: packed motion of the base, see `base_motion`.
             swing: angle of the main body's joint [rad].
+            actuators: boxed `ActuatorTables`, which command `command`.
 
         Returns:
             Force [N] on the base and torque about its centre of mass [N m] in the next step, map
-            frame, shape (6,).
+            frame.
         """
 
 

@@ -25,7 +25,6 @@ __all__ = [
     "BeltDrive",
     "ContactCoefficients",
     "ContactPoints",
-    "MachineMotion",
     "TrackDimensions",
     "TrackState",
 ]
@@ -37,25 +36,6 @@ SHOE_X, SHOE_Z, SHOE_PITCH = range(3)
 
 BELT_SPEED, GROUND_SPEED = range(2)
 """Slots of `TrackState.mean_speeds`."""
-
-
-class MachineMotion(NamedTuple):
-    """Motion of the base and angle of the main body.
-
-    Attributes:
-        center_of_mass: centre of mass of the base [m], map frame, shape (3,).
-        rotation: rotation matrix base to map, shape (3, 3).
-        velocity: velocity of the centre of mass [m/s], map frame, shape (3,).
-        angular_velocity: angular velocity of the base [rad/s], map frame, shape (3,).
-        swing_cos, swing_sin: cosine and sine of the angle of the main body's joint.
-    """
-
-    center_of_mass: Array
-    rotation: Array
-    velocity: Array
-    angular_velocity: Array
-    swing_cos: float
-    swing_sin: float
 
 
 class TrackDimensions(NamedTuple):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from machine_sim.machine import MachineError
+from machine_sim.machine.rotations import quaternion_from_matrix
 
 from ..conftest import DT
 
@@ -148,7 +149,10 @@ def test_soles_on_the_idlers_touch_the_ground(scene, spec, height, touches):
     s = scene()
     nose_down = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])
     com = [0.0, 0.0, height] + nose_down @ spec.links["base"].center_of_mass
-    s.machine.tracks.step(DT, com, nose_down, np.zeros(3), np.zeros(3), 0.0)
+    orientation = quaternion_from_matrix(nose_down)
+    s.client.resetBasePositionAndOrientation(s.machine.body, com.tolist(), orientation)
+    s.machine.after_step()
+    s.machine.before_step(DT)
     assert s.machine.tracks.shoe_loads.any() == touches  # 1.572 + 0.36 + 0.03 = 1.962 m
 
 
