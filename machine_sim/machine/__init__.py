@@ -4,7 +4,8 @@
 - `tools/`: shapes of buckets, beds, drums and blades, and tools in pybullet
 - `arm_kinematics`: closed-form kinematics of an excavator's arm
 - `forward_kinematics`, `link_motion`: poses and velocities of all links; `rotations`: matrices and
-  quaternions
+  quaternions; `rotated_vectors`: products of matrices and vectors in kernels
+- `base_motion`: pose and motion of the base as one array
 - `cylinder_linkage`, `hydraulics`: geometry of cylinders, and their flow, force and pressure
 - `joint_reference`: speed ramps of the joints that stop at their limits
 - `actuator_step`: one kernel for valves, pumps, references and torque limits; the tables that it

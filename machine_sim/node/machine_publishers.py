@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -132,7 +131,7 @@ class MachinePublishers:
         self._state_publishers.publish_state(
             self._joint_values(motion, simulated, belt_speeds.tolist()),
             BaseState(*motion.base_pose, *motion.base_velocity),
-            PayloadState(**asdict(simulated.payload), time_s=time),
+            PayloadState(**simulated.payload._asdict(), time_s=time),
             {
                 name: ToolWrench(*coupling.wrench, coupling.tool.pose[0])
                 for name, coupling in simulated.couplings.items()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 
 from builtin_interfaces.msg import Time
@@ -96,7 +95,7 @@ class NodePublishers:
             publishers.publish(simulated, params, is_due, run.progress, sim_time, stamp)
         if is_due(params.state_rate):
             for name, each in zip(self._bins, sim.bins, strict=True):
-                payload = PayloadState(**asdict(each.payload), time_s=sim_time)
+                payload = PayloadState(**each.payload._asdict(), time_s=sim_time)
                 self._shared.publish_payload(name, payload)
         if is_due(params.marker_rate):
             for name, each in zip(self._bins, sim.bins, strict=True):

@@ -18,7 +18,7 @@ from machine_sim.tool_soil.room import ReportedRoom
 from machine_sim.tool_soil.tools import ToolMotion, make_interaction
 from msg_bridge.contract.constants import GRAVITY
 from msg_bridge.contract.rows import MAX_MILLING_WORK, Rows
-from msg_bridge.kernels import fixed_signature_kernel, kernel
+from msg_bridge.kernels import kernel
 
 __all__ = ["ToolSoilCoupling"]
 
@@ -82,7 +82,7 @@ class ToolSoilCoupling:
         self._previous_pose = tool.pose
         self._frame_history = deque([tool.frame], maxlen=_NUM_FRAMES)
         self._reported_room = ReportedRoom(_NUM_FRAMES)
-        self.payload: Payload = interaction.payload(particles, tool.pose)
+        self.payload: Payload = interaction.measure(particles, tool.pose)[0]
 
     def continue_from(self, other: ToolSoilCoupling) -> None:
         """Take soil, recent poses and reported room from the coupling of a tool in the same pose.
@@ -192,26 +192,17 @@ class ToolSoilCoupling:
         """End a tick and return its SWEEP rows."""
         start, end = self.frame_at(0), self.tool.frame
         self._frame_history.append(end)
-        self.payload = self._interaction.payload(self._particles, self.tool.pose)
-        room = self._reported_room.report(self._free_mm3()) if self.is_digging else 0
+        self.payload, free_mm3 = self._interaction.measure(self._particles, self.tool.pose)
+        room = 0
+        if self.is_digging:
+            if free_mm3 != math.inf:
+                free_mm3 = max(free_mm3 - self.pending.total_mm3, 0.0)
+                free_mm3 *= self.resistance.inflow_fraction
+            room = self._reported_room.report(free_mm3)
         work = self.resistance.deliverable_work
         if work > 0.0 and not self._params.cutting_forces:
             work = MAX_MILLING_WORK  # nothing brakes the drum
         return self._interaction.sweep(ToolMotion(start, end, room, self.tool.is_driven, work))
-
-    def _free_mm3(self) -> float:
-        """Return the bank volume that the tool can take in besides its pending soil [mm^3]."""
-        free = self._interaction.free_volume(self.payload, self._particles, self.tool.pose)
-        if free == math.inf:
-            return free
-        # The soil that it will take in is that at its first key point, the cutting edge.
-        ground = self._particles.ground
-        soil = _soil_at_point(
-            self.key_points, *self.frame_at(0), ground.soil, ground.frame, float(ground.grid.cell)
-        )
-        swell: float = self._particles.soils[soil].swell
-        bank_mm3 = 1e9 * free / (1.0 + swell) - self.pending.total_mm3
-        return self.resistance.inflow_fraction * max(bank_mm3, 0.0)
 
     def reset(self) -> None:
         """Remove the soil forces and the room reported, which belong to earlier ticks of a run."""
@@ -224,24 +215,6 @@ class ToolSoilCoupling:
         yield self.pending.state
         yield self._reported_room.state
         yield self.resistance.state
-
-
-@fixed_signature_kernel
-def _soil_at_point(points, rotation, origin, soil, frame, cell):  # type: ignore[no-untyped-def]
-    """Return the soil id of the column nearest to the first of some points of a tool.
-
-    Args:
-        points: [m], tool frame, shape (n, 3), n >= 1.
-        rotation, origin: pose of the tool frame.
-        soil, frame: of `Ground`.
-        cell: size of a cell [m].
-    """
-    x, y, z = points[0, 0], points[0, 1], points[0, 2]
-    map_x = origin[0] + rotation[0, 0] * x + rotation[0, 1] * y + rotation[0, 2] * z
-    map_y = origin[1] + rotation[1, 0] * x + rotation[1, 1] * y + rotation[1, 2] * z
-    row = min(max(round((frame[0] - map_x) / cell), 0), soil.shape[0] - 1)
-    col = min(max(round((frame[1] - map_y) / cell), 0), soil.shape[1] - 1)
-    return soil[row, col]
 
 
 @kernel

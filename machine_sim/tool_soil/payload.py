@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +10,19 @@ from numpy.typing import NDArray
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine.tools.open_container import is_in_heap, local_point
 from machine_sim.machine.tools.shapes import ContainerShape
-from msg_bridge.kernels import fixed_signature_kernel, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper, kernel
 
-__all__ = ["EMPTY_PAYLOAD", "Payload", "loose_volume", "measure_payload"]
+__all__ = [
+    "EMPTY_PAYLOAD",
+    "Payload",
+    "loose_volume",
+    "measure_payload",
+    "payload_of",
+    "sum_inside",
+]
 
 
-@dataclass(frozen=True)
-class Payload:
+class Payload(NamedTuple):
     """Soil in a tool.
 
     Attributes:
@@ -49,10 +55,15 @@ def measure_payload(shape: ContainerShape, particles: SoilEngine, pose: Pose) ->
     bank_mm3, loose_mm3, mass_kg = _sum_inside(
         shape.boxed, *pose, particles.boxed_columns, particles.swells
     )
+    return payload_of(bank_mm3, loose_mm3, mass_kg, shape.heaped_capacity)
+
+
+def payload_of(bank_mm3: int, loose_mm3: float, mass_kg: float, heaped_capacity: float) -> Payload:
+    """Return the payload of volumes [mm^3] and a mass [kg] in a container of a capacity [m^3]."""
     if bank_mm3 == 0:
         return EMPTY_PAYLOAD
     loose_m3 = 1e-9 * loose_mm3
-    return Payload(1e-9 * bank_mm3, loose_m3, mass_kg, loose_m3 / shape.heaped_capacity)
+    return Payload(1e-9 * bank_mm3, loose_m3, mass_kg, loose_m3 / heaped_capacity)
 
 
 def loose_volume(particles: SoilEngine, rows: NDArray[np.intp]) -> float:
@@ -63,18 +74,23 @@ def loose_volume(particles: SoilEngine, rows: NDArray[np.intp]) -> float:
 
 @fixed_signature_kernel
 def _sum_inside(boxed_container, rotation, origin, boxed_particles, swells):  # type: ignore[no-untyped-def]
+    """Run `sum_inside` alone, with boxed tables."""
+    return sum_inside(boxed_container.table, rotation, origin, boxed_particles.table, swells)
+
+
+@helper
+def sum_inside(container, rotation, origin, particles, swells):  # type: ignore[no-untyped-def]
     """Sum up the particles in the struck volume of a container or in its heap.
 
     Args:
-        boxed_container: `ContainerTable`, boxed.
+        container: `ContainerTable`.
         rotation, origin: its pose.
-        boxed_particles: `ParticleColumns`, boxed.
+        particles: `ParticleColumns`.
         swells: swell of each soil.
 
     Returns:
         Bank volume [mm^3], loose volume [mm^3] and mass [kg].
     """
-    container, particles = boxed_container.table, boxed_particles.table
     position, volume_mm3, mass = particles.position, particles.volume_mm3, particles.mass
     bank, loose, kilograms = 0, 0.0, 0.0
     for i in range(len(position)):

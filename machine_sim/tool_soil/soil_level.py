@@ -16,14 +16,9 @@ import math
 
 import numpy as np
 
-from machine_sim.dem import Pose, SoilEngine
 from machine_sim.ground import surface_at
-from machine_sim.machine.tools.open_container import (
-    OpenContainer,
-    is_in_struck_volume,
-    local_point,
-)
-from msg_bridge.kernels import fixed_signature_kernel, helper
+from machine_sim.machine.tools.open_container import is_in_struck_volume, local_point
+from msg_bridge.kernels import helper
 
 __all__ = ["room_below_level"]
 
@@ -41,47 +36,23 @@ _MIN_HORIZONTAL = 0.1
 """Horizontal part of the direction of the opening below which it has no direction."""
 
 
-def room_below_level(shape: OpenContainer, particles: SoilEngine, pose: Pose) -> float:
+@helper(allocates=True)
+def room_below_level(container, rotation, origin, elevation, frame, particles, swells):  # type: ignore[no-untyped-def]
     """Return the loose volume that goes into a bucket before the soil ahead yields [m^3].
 
     It is negative if the bucket is fuller than that, 0 if all of it is higher than the soil ahead,
     and infinite if it opens straight up or down.
 
     Args:
-        shape: shape of the bucket; the first point of its profile is the lip.
-        particles: the particle engine, with the ground.
-        pose: rotation bucket to map, shape (3, 3), and origin [m], shape (3,).
-    """
-    ground = particles.ground
-    room: float = _room_below_level(
-        shape.boxed,
-        *pose,
-        ground.elevation,
-        ground.frame,
-        particles.boxed_columns,
-        particles.swells,
-    )
-    return room
-
-
-@fixed_signature_kernel
-def _room_below_level(  # type: ignore[no-untyped-def]
-    boxed_container, rotation, origin, elevation, frame, boxed_particles, swells
-):
-    """Return the room of `room_below_level`.
-
-    Args:
-        boxed_container: `ContainerTable`, boxed.
+        container: `ContainerTable`; the first point of its profile is the lip.
         rotation, origin: pose of the bucket.
         elevation, frame: of `Ground`.
-        boxed_particles: `ParticleColumns`, boxed.
+        particles: `ParticleColumns`.
         swells: swell of each soil.
     """
-    container = boxed_container.table
     volume = _volume_below_level(container, rotation, origin, elevation, frame)
     if volume == 0.0 or volume == math.inf:
         return volume
-    particles = boxed_particles.table
     return volume - _loose_volume_inside(container, rotation, origin, particles, swells)
 
 

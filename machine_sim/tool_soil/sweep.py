@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem import Pose
+from machine_sim.machine.box import Vec3
+from machine_sim.machine.rotated_vectors import rotate_to_frame, rotate_to_map
 from machine_sim.machine.spec import TrackSpec
 from machine_sim.machine.tracks.track_model import SoleContact
 from msg_bridge.contract.rows import (
@@ -101,17 +103,19 @@ class PlateSweep:
         self._points, self._normals = key_points, outward_normals
         self._key_points = _KeyPointStrip(len(self._points), tool_id)
         self._action: NDArray[np.uint8] = self._key_points.rows["action"]
+        self._room: NDArray[np.uint32] = self._key_points.rows["room_mm3"]
 
-    def rows(self, start: Pose, end: Pose, room_mm3: int = UNLIMITED_ROOM) -> Rows:
-        """Return the SWEEP rows of one tick in the order of the key points.
+    def move(self, start: Pose, end: Pose) -> Vec3:
+        """Move the tool in one tick.
 
         Args:
             start, end: pose of the tool frame.
-            room_mm3: bank volume that the tool can take in [mm^3].
+
+        Returns:
+            Displacement of the middle of the cutting edge [m], axes of the frame at the end.
         """
         strip = self._key_points
-        strip.rows["room_mm3"] = room_mm3
-        _sweep_plates(
+        displacement: Vec3 = _sweep_plates(
             self._points,
             self._normals,
             *start,
@@ -120,7 +124,16 @@ class PlateSweep:
             strip.displacements,
             self._action,
         )
-        return strip.copy()
+        return displacement
+
+    def rows(self, room_mm3: int = UNLIMITED_ROOM) -> Rows:
+        """Return the SWEEP rows of the last motion in the order of the key points.
+
+        Args:
+            room_mm3: bank volume that the tool can take in [mm^3].
+        """
+        self._room.fill(room_mm3)
+        return self._key_points.copy()
 
 
 class DrumSweep:
@@ -230,9 +243,23 @@ def _move_points(  # type: ignore[no-untyped-def]
 def _sweep_plates(  # type: ignore[no-untyped-def]
     points, normals, rotation, origin, end_rotation, end_origin, segments, displacements, action
 ):
-    """Move key points and find their actions; see `_move_points` and `_classify_actions`."""
+    """Move key points and find their actions; see `_move_points` and `_classify_actions`.
+
+    Returns:
+        Displacement of the middle of the first pair [m], axes of the frame at the end.
+    """
     _move_points(points, rotation, origin, end_rotation, end_origin, segments, displacements)
     _classify_actions(displacements, end_rotation, normals, action)
+    x, y = (points[0, 0] + points[1, 0]) / 2.0, (points[0, 1] + points[1, 1]) / 2.0
+    z = (points[0, 2] + points[1, 2]) / 2.0
+    ax, ay, az = rotate_to_map(rotation, x, y, z)
+    bx, by, bz = rotate_to_map(end_rotation, x, y, z)
+    return rotate_to_frame(
+        end_rotation,
+        bx + end_origin[0] - ax - origin[0],
+        by + end_origin[1] - ay - origin[1],
+        bz + end_origin[2] - az - origin[2],
+    )
 
 
 @fixed_signature_kernel

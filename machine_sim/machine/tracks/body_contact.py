@@ -71,13 +71,17 @@ def _box_corners(spec: MachineSpec) -> Array:
 
 @kernel
 def body_contact(motion, swing, dimensions, body, coefficients, wrench):  # type: ignore[no-untyped-def]
-    """Write the ground's wrench on the main body; other arguments as in `add_body_contact`.
+    """Write the ground's wrench on the main body, see `add_body_contact`.
 
     The structures are plain tuples with the elements of the named ones; see `track_state`.
 
     Args:
         motion: packed motion of the base, see `base_motion`.
+        swing: cosine and sine of the angle of the main body's joint.
         dimensions: `TrackDimensions`.
+        body: `MainBody`; its contact points are updated.
+        coefficients: `ContactCoefficients` of a corner.
+        wrench: out, force [N] and torque about the base's centre of mass [N m], map frame.
     """
     dimensions = TrackDimensions(*dimensions)
     body, coefficients = MainBody(*body), ContactCoefficients(*coefficients)

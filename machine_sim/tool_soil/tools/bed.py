@@ -56,10 +56,6 @@ class BedInteraction:
         """Return None: a bed releases no particles."""
         return None
 
-    def payload(self, particles: SoilEngine, pose: Pose) -> Payload:
-        """Measure the soil in the bed."""
-        return measure_payload(self._shape, particles, pose)
-
-    def free_volume(self, payload: Payload, particles: SoilEngine, pose: Pose) -> float:
-        """Return 0: a bed takes no soil from the ground."""
-        return 0.0
+    def measure(self, particles: SoilEngine, pose: Pose) -> tuple[Payload, float]:
+        """Measure the soil in the bed; it takes none from the ground."""
+        return measure_payload(self._shape, particles, pose), 0.0

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine.tools.blade import BladeShape
-from machine_sim.tool_soil.payload import Payload, loose_volume
+from machine_sim.tool_soil.edge_soil import bank_mm3, swell_at_edge
+from machine_sim.tool_soil.payload import EMPTY_PAYLOAD, Payload, loose_volume
 from machine_sim.tool_soil.tools.plate_cutting import PlateCutting
 
 __all__ = ["BladeInteraction"]
@@ -20,7 +21,8 @@ class BladeInteraction(PlateCutting):
         super().__init__(shape, tool_id)
         self._blade = shape
 
-    def free_volume(self, payload: Payload, particles: SoilEngine, pose: Pose) -> float:
-        """Return what its capacity exceeds the particles ahead of it by [m^3]."""
+    def measure(self, particles: SoilEngine, pose: Pose) -> tuple[Payload, float]:
+        """Return an empty payload, and what its capacity exceeds the particles ahead of it by."""
         ahead = self._blade.indices_ahead(particles.positions, *pose)
-        return self._blade.capacity - loose_volume(particles, ahead)
+        free = self._blade.capacity - loose_volume(particles, ahead)
+        return EMPTY_PAYLOAD, bank_mm3(free, swell_at_edge(self.key_points, particles, pose))

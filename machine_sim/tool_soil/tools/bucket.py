@@ -12,8 +12,9 @@ import math
 
 from machine_sim.dem import Pose, SoilEngine
 from machine_sim.machine.tools.bucket import BucketShape
-from machine_sim.tool_soil.payload import Payload, measure_payload
-from machine_sim.tool_soil.soil_level import room_below_level
+from machine_sim.tool_soil.bucket_fill import measure_bucket
+from machine_sim.tool_soil.edge_soil import bank_mm3
+from machine_sim.tool_soil.payload import Payload
 from machine_sim.tool_soil.tools.interaction import ToolMotion
 from machine_sim.tool_soil.tools.plate_cutting import PlateCutting
 from msg_bridge.contract.rows import Rows
@@ -27,30 +28,20 @@ class BucketInteraction(PlateCutting):
     def __init__(self, shape: BucketShape, tool_id: int) -> None:
         super().__init__(shape, tool_id)
         self._container = shape
-        self._edge_middle = shape.key_points[:2].mean(axis=0)
 
     def sweep(self, motion: ToolMotion) -> Rows:
         """Return the SWEEP rows of one tick."""
-        room_mm3 = int(motion.room_mm3 * self._entering_fraction(motion))
-        return self._sweep.rows(motion.start, motion.end, room_mm3)
-
-    def _entering_fraction(self, motion: ToolMotion) -> float:
-        """Return the part of the motion of the cutting edge that is not sideways, from 0 to 1."""
-        (start_rotation, start), (rotation, end) = motion.start, motion.end
-        edge = self._edge_middle
-        displacement = rotation.dot(edge) + end - start_rotation.dot(edge) - start
-        x, y, z = displacement.dot(rotation).tolist()
+        x, y, z = self._sweep.move(motion.start, motion.end)
+        # The part of the motion of the cutting edge that is not sideways.
         forward = math.hypot(x, z)
-        return forward / (forward + abs(y)) if forward > 0.0 else 0.0
+        entering_fraction = forward / (forward + abs(y)) if forward > 0.0 else 0.0
+        return self._sweep.rows(int(motion.room_mm3 * entering_fraction))
 
-    def payload(self, particles: SoilEngine, pose: Pose) -> Payload:
-        """Measure the soil in the bucket."""
-        return measure_payload(self._container, particles, pose)
+    def measure(self, particles: SoilEngine, pose: Pose) -> tuple[Payload, float]:
+        """Measure the soil in the bucket, and the room for more.
 
-    def free_volume(self, payload: Payload, particles: SoilEngine, pose: Pose) -> float:
-        """Return the room up to its heaped capacity and to the level of the soil ahead [m^3].
-
-        It is negative if the bucket is fuller.
+        There is room up to its heaped capacity, and to the level of the soil ahead.
         """
-        room = self._container.heaped_capacity - payload.loose_m3
-        return min(room, room_below_level(self._container, particles, pose))
+        payload, room_below_level, swell = measure_bucket(self._container, particles, pose)
+        room = min(self._container.heaped_capacity - payload.loose_m3, room_below_level)
+        return payload, bank_mm3(room, swell)

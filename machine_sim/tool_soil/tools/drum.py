@@ -61,10 +61,6 @@ class DrumInteraction:
         """Return the twist of the spinning drum: the picks throw what they cut."""
         return tool.velocity
 
-    def payload(self, particles: SoilEngine, pose: Pose) -> Payload:
-        """Return an empty payload: a drum carries nothing."""
-        return EMPTY_PAYLOAD
-
-    def free_volume(self, payload: Payload, particles: SoilEngine, pose: Pose) -> float:
-        """Return infinity: the picks throw all that they cut."""
-        return math.inf
+    def measure(self, particles: SoilEngine, pose: Pose) -> tuple[Payload, float]:
+        """Return an empty payload, and infinity: the picks throw all that they cut."""
+        return EMPTY_PAYLOAD, math.inf

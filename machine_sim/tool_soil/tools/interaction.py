@@ -175,17 +175,12 @@ class ToolInteraction(Protocol):
         """Return the twist that released particles start with; None: they start at rest."""
         ...
 
-    def payload(self, particles: SoilEngine, pose: Pose) -> Payload:
-        """Measure the soil that the tool carries at a pose."""
-        ...
+    def measure(self, particles: SoilEngine, pose: Pose) -> tuple[Payload, float]:
+        """Measure the soil that the tool carries at a pose, and the room for more.
 
-    def free_volume(self, payload: Payload, particles: SoilEngine, pose: Pose) -> float:
-        """Return the loose volume that the tool can take in [m^3], infinite without a limit.
-
-        Args:
-            payload: its payload at the pose.
-            particles: the particle engine.
-            pose: pose of the tool.
+        Returns:
+            The payload, and the bank volume that the tool can take in [mm^3], negative if it is
+            fuller than that, infinite without a limit.
         """
         ...
 

@@ -43,7 +43,8 @@ class PlateCutting:
 
     def sweep(self, motion: ToolMotion) -> Rows:
         """Return the SWEEP rows of one tick."""
-        return self._sweep.rows(motion.start, motion.end, motion.room_mm3)
+        self._sweep.move(motion.start, motion.end)
+        return self._sweep.rows(motion.room_mm3)
 
     def make_pending(
         self, rng: np.random.Generator, *, nominal_mm3: int, max_per_tick: int
@@ -61,10 +62,6 @@ class PlateCutting:
         """Return None: cut soil starts at rest."""
         return None
 
-    def payload(self, particles: SoilEngine, pose: Pose) -> Payload:
-        """Return an empty payload: the tool is no container."""
-        return EMPTY_PAYLOAD
-
-    def free_volume(self, payload: Payload, particles: SoilEngine, pose: Pose) -> float:
-        """Return infinity: the tool takes in what it cuts."""
-        return math.inf
+    def measure(self, particles: SoilEngine, pose: Pose) -> tuple[Payload, float]:
+        """Return an empty payload, and infinity: the tool is no container."""
+        return EMPTY_PAYLOAD, math.inf

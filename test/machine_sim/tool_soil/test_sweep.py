@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 from support.machine_scenes import excavator
 
+from machine_sim.dem import Pose
 from machine_sim.machine.arm_kinematics import tool_pose
 from machine_sim.machine.tracks.track_model import SoleContact
 from machine_sim.tool_soil.sweep import PlateSweep, TrackSweep
-from msg_bridge.contract.rows import SweepAction
+from msg_bridge.contract.rows import Rows, SweepAction
 
 MACHINE = excavator()
 BUCKET = MACHINE.bucket
@@ -16,13 +17,19 @@ def bucket_sweep(tool_id: int = 0) -> PlateSweep:
     return PlateSweep(BUCKET.key_points, BUCKET.outward_normals, tool_id)
 
 
+def rows_of(start: Pose, end: Pose, tool_id: int = 0) -> Rows:
+    sweep = bucket_sweep(tool_id)
+    sweep.move(start, end)
+    return sweep.rows()
+
+
 def moved(way: tuple[float, float, float]):
     rotation, origin = DIGGING
     return rotation, origin + np.array(way)
 
 
 def test_rows_are_key_points_lip_first_left_before_right() -> None:
-    rows = bucket_sweep(3).rows(DIGGING, moved((-0.01, 0, 0)))
+    rows = rows_of(DIGGING, moved((-0.01, 0, 0)), tool_id=3)
     assert rows.size == 14
     assert rows["pair"].tolist() == [k // 2 for k in range(14)]
     assert (rows["tool"] == 3).all()
@@ -33,19 +40,19 @@ def test_rows_are_key_points_lip_first_left_before_right() -> None:
 
 
 def test_bucket_moved_lip_first_cuts() -> None:
-    rows = bucket_sweep().rows(DIGGING, moved((-0.01, 0, -0.002)))
+    rows = rows_of(DIGGING, moved((-0.01, 0, -0.002)))
     assert (rows["action"][:6] == SweepAction.CUT).all()
 
 
 def test_bucket_pushed_onto_its_back_compacts() -> None:
     rotation, _ = DIGGING
     outward = rotation @ BUCKET.outward_normals[3]
-    rows = bucket_sweep().rows(DIGGING, moved(tuple(0.01 * outward)))
+    rows = rows_of(DIGGING, moved(tuple(0.01 * outward)))
     assert (rows["action"][6:8] == SweepAction.COMPACT).all()
 
 
 def test_bucket_at_rest_cuts() -> None:
-    assert (bucket_sweep().rows(DIGGING, DIGGING)["action"] == SweepAction.CUT).all()
+    assert (rows_of(DIGGING, DIGGING)["action"] == SweepAction.CUT).all()
 
 
 def test_driving_tracks_compact_below_their_shoes() -> None:
