@@ -66,7 +66,7 @@ def _dig(
             lip = digging[0].key_points_at(ticks_ago=0)[0]
             for name, value in zip("xyz", lip, strict=True):
                 conversions[name] = forces[name] = value
-            forces["tool"] = digging[0].tool_id
+            forces["tool"], forces["fz"] = digging[0].tool_id, 1.0  # the tool touches soil
         conversions["volume_mm3"] = 10 * _LITRE
         sim.check_answer(conversions, map_updates, forces)
         sim.apply(conversions, map_updates, forces)

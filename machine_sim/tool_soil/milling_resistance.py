@@ -24,7 +24,6 @@ soil like any other tool (`machine_sim.tool_soil.resistance`).
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,24 +33,31 @@ from machine_sim.machine.box import Vec3
 from machine_sim.machine.tools.drum import DrumShape
 from machine_sim.machine.tools.tool import MIN_DRUM_SPEED
 from machine_sim.params import MachineSimParams
-from machine_sim.tool_soil.capped_spring_damper import norm
+from machine_sim.tool_soil.capped_spring_damper import LOCAL_POINT, MAX_FORCE, STATE
+from machine_sim.tool_soil.milling_kernels import (
+    DEBT,
+    MILLED,
+    NOT_MILLED,
+    PICK_FORCE,
+    THRUST_RATIO,
+    WORK_STATE,
+    drum_wrench,
+    milling_record,
+    receive_milling,
+    step_picks,
+)
 from machine_sim.tool_soil.resistance import (
     FORCE_TIMEOUT_TICKS,
     SoilResistance,
     machine_contact,
+    reset_contact,
 )
-from msg_bridge.contract.rows import FORCE_VECTORS, Rows, SoilReaction
+from msg_bridge.contract.rows import Rows
 
 __all__ = ["MillingResistance"]
 
 Array = NDArray[np.float64]
 Pose = tuple[Array, Array]
-
-_ZERO = (0.0, 0.0, 0.0)
-
-_THRUST_RATIO = 1.0
-"""Ratio of the normal to the cutting force of a pick [-]: measured ratios of conical picks are
-around one and increase with wear (see `soil_sim.tool_force.rock_pick`)."""
 
 _LOADED_SPEED_FRACTION = 0.95
 """Speed of the drum at full load as a fraction of the commanded one [-], typical of the slip of an
@@ -67,21 +73,14 @@ _STORE_TICKS = 10.0
 _STOPPING_FRACTION = 0.7
 """Maximum fraction of its velocity over the soil that a drum without drive loses in a step."""
 
-_MIN_LEVER_FRACTION = 0.3
-"""Minimum lever arm of the picks as a fraction of the drum's radius: picks engage on its rim, but
-the centre of the engaged soil can be on the axis."""
-
-_MILL, _BEARING = int(SoilReaction.MILL), int(SoilReaction.BEARING)
-
 
 class MillingResistance:
     """Resistance of the soil to one drum.
 
     Attributes:
         static_resistance: resistance while the drum is not driven.
-        contact: force of the soil in front of a driven drum.
-        debt: work that milled soil has taken and the picks have yet to take out of the drum [J];
-            negative: work of the picks that no soil has taken yet.
+        contact: record of the spring-damper of the soil in front of a driven drum, see
+            `capped_spring_damper`.
     """
 
     def __init__(
@@ -95,24 +94,28 @@ class MillingResistance:
             params: stepping of the node.
         """
         self._tool, self._radius = tool, shape.radius
-        self._pick_angle = 2.0 * math.pi / shape.vanes
         self._tick_period = params.tick_period
         self.static_resistance = SoilResistance(tool.mass, machine_mass, params.physics_step)
         self.contact = machine_contact(machine_mass, params.physics_step)
         self._ticks_since_update = 0
-        self.debt = 0.0
         self._power = 0.0  # at which the debt is paid in this tick [W]
-        self._picks = _Picks(_ZERO, shape.radius, _ZERO)  # in the last step
-        self._force = self._last_slip = 0.0  # of these picks [N], [m/s]
-        self._pressed_force = 0.0  # of picks that are pressed into the soil [N]
+        self._record = milling_record(shape.radius, 2.0 * math.pi / shape.vanes)
+
+    @property
+    def debt(self) -> float:
+        """Work that milled soil has taken and the picks have yet to take out of the drum [J].
+
+        Negative: work of the picks that no soil has taken yet.
+        """
+        return float(self._record[DEBT])
 
     @property
     def is_active(self) -> bool:
         """Whether soil resists or supports the drum."""
-        return (
-            self.contact.max_force > 0.0
-            or self.debt > 0.0
-            or self._force > 0.0
+        return bool(
+            self.contact[MAX_FORCE] > 0.0
+            or self._record[DEBT] > 0.0
+            or self._record[PICK_FORCE] > 0.0
             or self.static_resistance.is_active
         )
 
@@ -134,12 +137,12 @@ class MillingResistance:
     @property
     def state(self) -> Array:
         """All values that the next steps depend on, for the state hash."""
-        work = (self.debt, self._power, self._force, self._last_slip, self._pressed_force)
+        debt, *picks = self._record[WORK_STATE].tolist()
         parts = (
-            self.contact.local_point,
-            work,
+            self.contact[LOCAL_POINT : LOCAL_POINT + 3],
+            (debt, self._power, *picks),
             [self._ticks_since_update],
-            self.contact.state,
+            self.contact[STATE],
             self.static_resistance.state,
         )
         return np.concatenate(parts)
@@ -172,48 +175,34 @@ class MillingResistance:
         Raises:
             MachineError: values that are not finite; the previous ones stay in force.
         """
-        reactions = rows["reaction"].tolist()
-        if _MILL not in reactions:
-            self.static_resistance.receive(rows, pose)
-            self._ticks_since_update = 0
-            self.contact.reset()
-            return
-        milling = rows[reactions.index(_MILL) :][:1]
-        point, force = _point_and_force(milling)
-        work = float(milling["work"][0])
-        if not (math.isfinite(work) and work >= 0.0):
-            raise MachineError(f"the work of the drum is {work} J; give a finite number, 0 or more")
-        limit = self._thrust(work)
-        if _BEARING in reactions:
-            point, force = _point_and_force(rows[reactions.index(_BEARING) :][:1])
-            limit = math.inf
-        self._ticks_since_update = 0
-        self.static_resistance.reset()
-        self.debt += work
-        strength = norm(force)
-        limit = min(limit, strength)
-        if limit <= 0.0:
-            self.contact.reset()
-            return
-        self.contact.set_wrench((point, limit / strength * force, np.zeros(3)), pose)
-
-    def _thrust(self, work: float) -> float:
-        """Return the thrust on picks that do some work in a tick [N]."""
+        # The thrust on the picks is their force, work over distance, times a ratio.
         distance = self._radius * abs(self._tool.drum_speed) * self._tick_period
-        return _THRUST_RATIO * work / distance if distance > 0.0 else 0.0
+        ratio_of_work = THRUST_RATIO, distance
+        answer = receive_milling(rows, *pose, ratio_of_work, self._record, self.contact)
+        if answer == NOT_MILLED:
+            self.static_resistance.receive(rows, pose)
+            reset_contact(self.contact)
+        elif answer == MILLED:
+            self.static_resistance.reset()
+        else:
+            raise MachineError(
+                f"the FORCE row of the drum is {rows[answer]}; give finite numbers, and a work of 0"
+                " J or more"
+            )
+        self._ticks_since_update = 0
 
     def begin_tick(self) -> None:
         """Begin a tick: remove a wrench that was not updated for `FORCE_TIMEOUT_TICKS`."""
         self._ticks_since_update += 1
         if self._ticks_since_update > FORCE_TIMEOUT_TICKS:
-            self.contact.reset()
+            reset_contact(self.contact)
         self.static_resistance.begin_tick()
         self._power = max(self.debt, 0.0) / self._tick_period
 
     def reset(self) -> None:
         """Remove all wrenches until the next FORCE rows."""
         self.static_resistance.reset()
-        self.contact.reset()
+        reset_contact(self.contact)
 
     def step(
         self, pose: Pose, velocity: tuple[Vec3, Vec3], dt: float, push: Vec3 = (0.0, 0.0, 0.0)
@@ -229,113 +218,38 @@ class MillingResistance:
         Returns:
             Force [N] and torque about the frame's origin [N m], map axes.
         """
-        (_, ax, _), (_, ay, _), (_, az, _) = pose[0].tolist()
-        axis, (wx, wy, wz) = (ax, ay, az), velocity[1]
-        spin = _dot(velocity[1], axis)
-        frame_velocity = velocity[0], (wx - spin * ax, wy - spin * ay, wz - spin * az)
-        # The work of the step that has ended: force times the mean of the slips at its ends.
-        slip = self._picks.slip(spin, frame_velocity)
-        self.debt -= self._force * 0.5 * abs(slip + self._last_slip) * dt
-        self.debt = max(self.debt, -self._max_store)
-        (fx, fy, fz), (tx, ty, tz) = _ZERO, _ZERO
-        if self.static_resistance.is_active:
-            (fx, fy, fz), (tx, ty, tz) = self.static_resistance.step(pose, frame_velocity, dt)
-        contact = self.contact.step(pose, frame_velocity, dt)
-        point: Vec3 = tuple((pose[0] @ self.contact.local_point).tolist())
-        self._picks = picks = _Picks.at(point, axis, self._radius)
-        self._last_slip = slip = picks.slip(spin, frame_velocity)
-        target = self.contact.active_fraction * self.contact.max_force / _THRUST_RATIO
-        travel = abs(slip) * dt / (picks.arm * self._pick_angle)
-        rise = max(target - self._pressed_force, 0.0) * min(travel, 1.0)
-        self._pressed_force = min(self._pressed_force + rise, target)
-        self._force = self._cutting_force(slip, picks.arm, dt)
-        # The cutting force is against the slip. On a lever below the minimum arm it has less than
-        # its torque; the rest is a pure torque.
-        against_slip = -math.copysign(self._force, slip)
-        cx, cy, cz = (against_slip * component for component in picks.direction)
-        mx, my, mz = moment = _cross(picks.point, (cx, cy, cz))
-        rest = -math.copysign(self._force * picks.arm, slip) - _dot(moment, axis)
-        return (
-            (fx + contact[0] + cx, fy + contact[1] + cy, fz + contact[2] + cz),
-            (
-                tx + contact[3] + mx + rest * ax,
-                ty + contact[4] + my + rest * ay,
-                tz + contact[5] + mz + rest * az,
-            ),
+        static = self.static_resistance
+        slip, arm, debt, pressed_force = step_picks(
+            self._record,
+            self.contact,
+            static.spring_dampers,
+            static.mean_push,
+            static.is_active,
+            pose[0],
+            velocity,
+            dt,
+            self._max_store,
         )
+        force = self._cutting_force(slip, arm, debt, pressed_force, dt)
+        wrench: tuple[Vec3, Vec3] = drum_wrench(self._record, pose[0], force)
+        return wrench
 
-    def _cutting_force(self, slip: float, arm: float, dt: float) -> float:
+    def _cutting_force(
+        self, slip: float, arm: float, debt: float, pressed_force: float, dt: float
+    ) -> float:
         """Return the force on the picks in the next step, 0 or more [N].
 
         Args:
             slip: velocity of the picks over the soil [m/s].
             arm: their lever arm about the axis [m].
+            debt: see above [J].
+            pressed_force: force of picks that are pressed into the soil [N].
             dt: physics step [s].
         """
         if slip == 0.0:
             return 0.0
-        debt_force = min(self._power, max(self.debt, 0.0) / dt) / abs(slip)
+        debt_force = min(self._power, max(debt, 0.0) / dt) / abs(slip)
         stopping_force = _STOPPING_FRACTION * self._tool.inertia / arm**2 * abs(slip) / dt
         if slip * self._tool.commanded_drum_speed > 0.0:
             stopping_force += self._tool.drum_torque / arm
-        return min(max(debt_force, self._pressed_force), stopping_force)
-
-
-class _Picks(NamedTuple):
-    """Picks that engage soil.
-
-    Attributes:
-        point: where they do [m], relative to the origin of the frame, map axes.
-        arm: lever arm about the axis [m].
-        direction: of their motion when the drum spins with a positive speed, map axes.
-    """
-
-    point: Vec3
-    arm: float
-    direction: Vec3
-
-    @classmethod
-    def at(cls, point: Vec3, axis: Vec3, radius: float) -> _Picks:
-        """Return the picks at a point of a drum with an axis and a radius [m]."""
-        along = _dot(point, axis)
-        (x, y, z), (ax, ay, az) = point, axis
-        lever = x - along * ax, y - along * ay, z - along * az
-        distance = math.sqrt(_dot(lever, lever))
-        arm = max(distance, _MIN_LEVER_FRACTION * radius)
-        if distance == 0.0:
-            return cls(point, arm, _ZERO)
-        dx, dy, dz = _cross(axis, lever)
-        return cls(point, arm, (dx / distance, dy / distance, dz / distance))
-
-    def slip(self, spin: float, frame_velocity: tuple[Vec3, Vec3]) -> float:
-        """Return the velocity of the picks over the soil [m/s].
-
-        Args:
-            spin: angular velocity of the drum about its axis [rad/s].
-            frame_velocity: of its non-spinning frame: of the origin [m/s], angular [rad/s].
-        """
-        (vx, vy, vz), (wx, wy, wz) = frame_velocity[0], _cross(frame_velocity[1], self.point)
-        return spin * self.arm + _dot((vx + wx, vy + wy, vz + wz), self.direction)
-
-
-def _dot(a: Vec3, b: Vec3) -> float:
-    """Return the scalar product."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def _cross(a: Vec3, b: Vec3) -> Vec3:
-    """Return the cross product."""
-    (ax, ay, az), (bx, by, bz) = a, b
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-
-
-def _point_and_force(row: Rows) -> tuple[Array, Array]:
-    """Return point and force of a FORCE row, shape (1,).
-
-    Raises:
-        MachineError: values that are not finite.
-    """
-    (point, force, _) = row.view(FORCE_VECTORS)["values"].astype(np.float64).reshape(3, 3)
-    if not math.isfinite(sum(point.tolist()) + sum(force.tolist())):
-        raise MachineError(f"the FORCE row of the drum is {row}; give finite numbers")
-    return point, force
+        return min(max(debt_force, pressed_force), stopping_force)

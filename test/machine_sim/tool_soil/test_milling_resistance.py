@@ -8,6 +8,7 @@ import pytest
 from machine_sim.machine import MachineError
 from machine_sim.machine.tools.drum import DrumShape
 from machine_sim.params import MachineSimParams
+from machine_sim.tool_soil.capped_spring_damper import DISPLACEMENT, MAX_FORCE
 from machine_sim.tool_soil.milling_resistance import MillingResistance
 from machine_sim.tool_soil.resistance import FORCE_TIMEOUT_TICKS
 from msg_bridge.contract.rows import FORCE, Rows, SoilReaction, empty_rows
@@ -70,7 +71,7 @@ def run_tick(drum: Drum, soil: MillingResistance, rows: Rows | None, feed: float
     soil.begin_tick()
     wrenches = []
     for _ in range(PARAMS.steps_per_tick):
-        velocity = (np.array([feed, 0.0, 0.0]), np.array([0.0, drum.drum_speed, 0.0]))
+        velocity = ((feed, 0.0, 0.0), (0.0, drum.drum_speed, 0.0))
         wrenches.append(soil.step(POSE, velocity, DT))
         drum.step(float(wrenches[-1][1][1]))
     return wrenches
@@ -122,7 +123,7 @@ def test_picks_that_are_pressed_too_hard_stall_the_drum_and_release_it() -> None
     drum = Drum()
     soil = milling(drum)
     for _ in range(300):  # 40 kN at 0.5 m: 20 kN m, above the drive's 15 kN m
-        soil.contact.displacement = 0.0
+        soil.contact[DISPLACEMENT] = 0.0
         run_tick(drum, soil, answer(remaining=40e3), feed=1.0)
     assert 0.0 <= drum.drum_speed < 0.5
     assert soil.deliverable_work == 0.0
@@ -136,9 +137,9 @@ def test_soil_that_remains_stops_the_feed() -> None:
     drum = Drum()
     forces = [force for _ in range(20) for force, _ in run_tick(drum, soil, answer(0, 1e7), 0.02)]
     assert forces[-1][0] < -50e3  # 8 mm of a stiff contact
-    assert soil.contact.displacement == pytest.approx(20 * 0.02 * TICK)
+    assert soil.contact[DISPLACEMENT] == pytest.approx(20 * 0.02 * TICK)
     run_tick(drum, soil, answer(100.0))
-    assert soil.contact.max_force < 10e3  # the thrust on the picks
+    assert soil.contact[MAX_FORCE] < 10e3  # the thrust on the picks
 
 
 def test_cutting_force_is_against_the_motion_of_the_picks() -> None:
@@ -178,7 +179,7 @@ def test_contact_expires_and_unpaid_work_does_not() -> None:
     soil.receive(answer(1e5, 1e7), POSE)
     for _ in range(FORCE_TIMEOUT_TICKS + 1):
         soil.begin_tick()
-    assert soil.contact.max_force == 0.0
+    assert soil.contact[MAX_FORCE] == 0.0
     assert soil.debt == 1e5
     assert soil.is_active
 
@@ -188,7 +189,7 @@ def test_drum_that_is_not_driven_is_supported() -> None:
     soil = milling(drum)
     rows = answer(0.0, 50e3, direction=(0, 0, 1))[1:]
     soil.receive(rows, POSE)
-    sinking = (np.array([0.0, 0.0, -0.2]), np.zeros(3))
+    sinking = ((0.0, 0.0, -0.2), (0.0, 0.0, 0.0))
     assert soil.step(POSE, sinking, DT)[0][2] > 0.0
 
 
