@@ -70,7 +70,11 @@ class ContactMonitor:
 
     def update(self, time: float) -> None:
         """Read the contacts of the last physics step, which ended at a time since the start [s]."""
-        for pair, bodies in self._pairs:
+        if not self._pairs:
+            return
+        # One call for all bodies: mostly none of them touch.
+        has_points = bool(pybullet.getContactPoints(physicsClientId=self._client))
+        for pair, bodies in self._pairs if has_points or self._contacts else ():
             points = [
                 point
                 for a, b in bodies

@@ -115,12 +115,13 @@ class PendingSoil:
         self._max_per_tick = max_per_tick
         self._parcels: dict[tuple[int, int], _Parcel] = {}
         self._remainder = _Parcel(0, 0, nominal_mm3, 0, [0.0, 0.0, 0.0], 0)  # of idle columns
+        self._total_mm3 = 0
         self._rounding_error = 0  # water missing in particles [mm^3 %]; negative: excess
 
     @property
     def total_mm3(self) -> int:
         """Pending bank volume [mm^3]."""
-        return self._remainder.volume + sum(parcel.volume for parcel in self._parcels.values())
+        return self._total_mm3
 
     @property
     def state(self) -> NDArray[np.generic]:
@@ -148,6 +149,7 @@ class PendingSoil:
         self._parcels = {key: replace(each) for key, each in other._parcels.items()}
         self._remainder = replace(other._remainder)
         self._rounding_error, self._rng = other._rounding_error, other._rng
+        self._total_mm3 = other._total_mm3
 
     def receive(self, excavated: Rows, pose: Pose, tick: int) -> None:
         """Credit CONVERSION rows of the kind EXCAVATE of a tool at a pose in a tick."""
@@ -158,6 +160,7 @@ class PendingSoil:
             excavated[name].tolist() for name in ("row", "col", "volume_mm3", "moisture", "soil")
         )
         for row, col, volume, moisture, soil, point in zip(*columns, points, strict=True):
+            self._total_mm3 += volume
             parcel = self._parcels.get((row, col))
             if parcel is None:
                 parcel = _Parcel(0, 0, self._nominal_mm3, 0, point, tick)
@@ -177,11 +180,13 @@ class PendingSoil:
             if part:
                 parcel.withdraw(part)
                 rest -= part
+        self._total_mm3 -= volume - rest
         return volume - rest
 
     def clear(self) -> None:
         """Remove all pending soil."""
         self._parcels.clear()
+        self._total_mm3 = 0
         self._remainder = _Parcel(0, 0, self._nominal_mm3, 0, [0.0, 0.0, 0.0], 0)
 
     def release(
@@ -206,6 +211,8 @@ class PendingSoil:
         Raises:
             ParticleError: the engine rejects the particles; their soil stays pending.
         """
+        if self._total_mm3 == 0 and not self._parcels:
+            return 0
         batch = _Batch()
         try:
             self._fill_batch(batch, particles, tick)
@@ -221,9 +228,10 @@ class PendingSoil:
         max_count = min(self._max_per_tick, particles.free_capacity)
         for key, parcel in list(self._parcels.items()):
             # Most parcels hold less than one particle, and have received soil lately.
-            min_volume = min(parcel.particle_volume, MAX_ROW_VOLUME)
-            if parcel.volume < min_volume and tick - parcel.tick <= _MAX_IDLE_TICKS:
+            is_small = parcel.volume < parcel.particle_volume and parcel.volume < MAX_ROW_VOLUME
+            if is_small and tick - parcel.tick <= _MAX_IDLE_TICKS:
                 continue
+            min_volume = min(parcel.particle_volume, MAX_ROW_VOLUME)
             while parcel.volume >= min_volume and len(batch.volumes) < max_count:
                 volume = self._next_volume(batch, parcel, particles)
                 if parcel.volume < volume:
@@ -268,7 +276,9 @@ class PendingSoil:
 
     def _restore(self, batch: _Batch) -> None:
         """Return the volume and water of rejected particles to the remainder."""
-        self._remainder.volume += sum(batch.volumes)
+        volume = sum(batch.volumes)
+        self._total_mm3 += volume
+        self._remainder.volume += volume
         pairs = zip(batch.volumes, batch.moistures, strict=True)
         self._remainder.water += sum(volume * moisture for volume, moisture in pairs)
 
@@ -278,6 +288,7 @@ class PendingSoil:
         if excess:
             moisture += 2 * (self._rounding_error + excess) > volume
         self._rounding_error += water - moisture * volume
+        self._total_mm3 -= volume
         batch.volumes.append(volume)
         batch.points.append(parcel.point)
         batch.soils.append(parcel.soil)

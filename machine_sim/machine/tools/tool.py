@@ -120,7 +120,7 @@ class Tool:
             s, c = math.sin(joint_angle), math.cos(joint_angle)
             inverse = self._inverse_spin
             inverse[0, 0], inverse[0, 2], inverse[2, 0], inverse[2, 2] = c, -s, s, c
-            self._frame = self._rotation @ inverse, self._origin
+            self._frame = self._rotation.dot(inverse), self._origin
 
     @property
     def is_driven(self) -> bool:
