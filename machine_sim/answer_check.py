@@ -176,24 +176,25 @@ def check_excavation(
     """
     if not has_kind(conversions, _EXCAVATE):
         return
-    is_excavated = conversions["kind"] == _EXCAVATE
-    is_near = ~is_excavated  # of other rows the position does not count
-    lowest = np.inf
+    is_near = np.zeros(conversions.size, dtype=np.bool_)
+    num_far, total, lowest = 0, 0, np.inf
     margin = ground.grid.cell + _EXCAVATION_MARGIN
     for coupling in couplings:
         # The sweep of a tick begins at the pose at the end of the tick before.
         frames = (*coupling.frame_at(ticks_ago), *coupling.frame_at(ticks_ago + 1))
-        lowest = min(lowest, _mark_near(coupling.key_points, *frames, conversions, margin, is_near))
-    if not is_near.all():
+        bottom, num_far, total = _mark_near(
+            coupling.key_points, *frames, conversions, margin, is_near
+        )
+        lowest = min(lowest, bottom)
+    if num_far > 0:
         raise ExchangeError(
             "soil was excavated where no tool of this node has been", ErrorCode.EXCAVATION
         )
     volume_of_column = 1e9 * ground.grid.cell**2
     # Usually all rows together have less than what may leave any one column.
-    total = conversions["volume_mm3"][is_excavated].sum(dtype=np.int64)
     if total <= volume_of_column * _EXCAVATION_MARGIN:
         return
-    excavated = conversions[is_excavated]
+    excavated = conversions[conversions["kind"] == _EXCAVATE]
     columns, index = np.unique(
         excavated["row"].astype(np.int64) * ground.grid.cols + excavated["col"],
         return_inverse=True,
@@ -214,14 +215,18 @@ def check_excavation(
 def _mark_near(  # type: ignore[no-untyped-def]
     key_points, rotation, origin, earlier_rotation, earlier_origin, rows, margin, is_near
 ):
-    """Mark the rows beside a tool, and return the height of its lowest key point [m].
+    """Mark the EXCAVATE rows beside a tool.
 
     Args:
         key_points: [m], tool frame, shape (n, 3), n >= 1.
         rotation, origin, earlier_rotation, earlier_origin: two poses of the tool.
-        rows: rows with a position (x, y) [m], map frame, shape (rows,).
+        rows: CONVERSION rows, shape (rows,).
         margin: distance from the circle around the key points that counts as beside [m].
         is_near: marks, shape (rows,); updated.
+
+    Returns:
+        Height of the lowest key point of the tool [m], and of the EXCAVATE rows the number without
+        a mark and the volume [mm^3].
     """
     count = len(key_points)
     points = np.empty((2 * count, 3))
@@ -238,10 +243,15 @@ def _mark_near(  # type: ignore[no-untyped-def]
     for i in range(2 * count):
         reach = max(reach, math.hypot(points[i, 0] - centre_x, points[i, 1] - centre_y))
         lowest = min(lowest, points[i, 2])
+    num_far, volume = 0, 0
     for n in range(rows.size):
+        if rows[n].kind != _EXCAVATE:
+            continue
         x, y = np.float64(rows[n].x), np.float64(rows[n].y)
         is_near[n] |= math.hypot(x - centre_x, y - centre_y) <= reach + margin
-    return lowest
+        num_far += not is_near[n]
+        volume += np.int64(rows[n].volume_mm3)
+    return lowest, num_far, volume
 
 
 def _check_deposit_answers(conversions: Rows, particles: SoilEngine) -> None:

@@ -27,6 +27,7 @@ from machine_sim.answer_check import (
     check_map_updates,
 )
 from machine_sim.dem import ParticleEngine, ParticleParams, SoilEngine
+from machine_sim.deposit_requests import request_deposits
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.machine import MachineError, TrackedMachine
 from machine_sim.machine_contacts import ContactMonitor
@@ -44,14 +45,12 @@ from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.contract.rows import (
-    DEPOSIT_REQUEST,
     MAP_UPDATE,
     SWEEP,
     ConversionKind,
     Rows,
     empty_rows,
     join_rows,
-    no_rows,
 )
 
 __all__ = ["MachineSim", "MachineTickOutput"]
@@ -332,7 +331,8 @@ class MachineSim:
         sweeps = join_rows(
             [rows for each in self.simulated_machines for rows in each.end_tick()], SWEEP
         )
-        deposit_requests = self._request_deposits()
+        max_requests = self.params.max_deposit_requests_per_tick
+        deposit_requests = request_deposits(self.particles, max_requests)
         return MachineTickOutput(
             sweeps, deposit_requests, self.pending_mm3, self.particles.total_volume_mm3
         )
@@ -380,18 +380,3 @@ class MachineSim:
         for coupling, rows in zip(self.digging_couplings, rows_of_tools, strict=True):
             if rows.size:
                 coupling.pending.receive(rows, coupling.frame_at(ticks_ago), self.tick)
-
-    def _request_deposits(self) -> Rows:
-        """Freeze settled particles, and return DEPOSIT_REQUEST rows for them."""
-        ids = self.particles.settled()[: self.params.max_deposit_requests_per_tick]
-        if ids.size == 0:
-            return no_rows(DEPOSIT_REQUEST)
-        rows = empty_rows(DEPOSIT_REQUEST, ids.size)
-        particles = self.particles
-        at = particles.rows_of(ids)
-        rows["x"], rows["y"], rows["z"] = particles.positions[at].T
-        rows["volume_mm3"] = particles.volumes_mm3[at]
-        rows["particle_id"] = ids
-        rows["soil"], rows["moisture"] = particles.soil[at], particles.moisture[at]
-        self.particles.freeze(ids)
-        return rows

@@ -56,6 +56,8 @@ def _dig(
     )
     couplings = sim.simulated_machines[0].couplings.values()
     digging = [each for each in couplings if each.is_digging]
+    # A particle off the map is settled: its deposit is requested.
+    sim.particles.add([[2.0 * _GRID.size[0], 0.0, 0.0]], np.zeros((1, 3)), _LITRE)
     for tick in range(_NUM_TICKS):
         sim.step()
         conversions = empty_rows(CONVERSION, min(len(digging), 1))
