@@ -1,12 +1,9 @@
 """Contact dynamics of particles: the data kept for contacts, and the stages that use it.
 
-The stages of a step are the neighbour list, and the motion with contacts and growth. What is kept
-from step to step is rebuilt as `invalidation` describes.
+What is kept from step to step is rebuilt as `invalidation` describes.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +13,6 @@ from machine_sim.dem.contacts.ground_contacts import GroundContactList
 from machine_sim.dem.contacts.pair_contacts import PairContacts
 from machine_sim.dem.contacts.plate_contact_list import PlateContactList
 from machine_sim.dem.contacts.plate_contacts import PlateContacts
-from machine_sim.dem.contacts.step_contacts import BoundaryContacts, StepContactTables
 from machine_sim.dem.invalidation import (
     BODY_RECORDS,
     CONTACT_BLOCKS,
@@ -27,41 +23,25 @@ from machine_sim.dem.invalidation import (
 )
 from machine_sim.dem.lifecycle.growth import growth_per_step
 from machine_sim.dem.neighbours.cell_grid import spatial_order
+from machine_sim.dem.neighbours.skin_widths import tracks_all_rows
 from machine_sim.dem.neighbours.verlet_list import VerletList
 from machine_sim.dem.params import ParticleParams
-from machine_sim.dem.sleep.sleep_state import MovingRows
+from machine_sim.dem.particle_step import StepResult, StepState, advance_particles
+from machine_sim.dem.sleep.sleep_manager import SleepManager
+from machine_sim.dem.sleep.sleep_state import SleepParams
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.step_buffers import StepBuffers
-from machine_sim.dem.step_motion import (
-    MotionParams,
-    StepState,
-    move_particles,
-)
+from machine_sim.dem.step_motion import StepParams
+from machine_sim.dem.step_start import LIST_EXPIRED, READY, ROWS_NOT_LISTED
 from machine_sim.dem.substeps import SubstepParams
 from machine_sim.dem.tools.tool_set import ToolSet
 from machine_sim.ground.contact_surface import Ground
 from msg_bridge.kernels import BoxedTable, box_table
 
-__all__ = ["ContactDynamics", "StepMotion"]
+__all__ = ["ContactDynamics"]
 
 _BUILDS_PER_SORT = 50
 """List builds with many moving particles between two spatial sorts of the rows."""
-_TRACK_ALL_FRACTION = 0.75
-"""Fraction of moving particles above which the neighbour list tracks the motion of all."""
-
-
-class StepMotion(NamedTuple):
-    """Result of a step in which particles moved.
-
-    Attributes:
-        contacts: contacts with plates and the ground.
-        num_tunnelled: number of particles that passed through a plate.
-        num_recovered: number of particles that had sunk through the ground and were put back.
-    """
-
-    contacts: BoundaryContacts
-    num_tunnelled: int
-    num_recovered: int
 
 
 class ContactDynamics:
@@ -82,6 +62,7 @@ class ContactDynamics:
         self._tools = tools
         self._pair_contacts = PairContacts()
         self._plate_contacts = PlateContacts()
+        self._ground = ground
         self._ground_list = GroundContactList(ground)
         self._boxed_params: dict[float, BoxedTable] = {}  # of the last length of a step
         self._buffers = StepBuffers()
@@ -92,10 +73,10 @@ class ContactDynamics:
 
     def invalidate(self, change: Change) -> None:
         """Make derived data stale; springs return from contact blocks to the pair list first."""
-        if not self._invalidation.is_stale(CONTACT_BLOCKS):
+        if CONTACT_BLOCKS not in self._invalidation.stale:
             self.store_springs()
         self._invalidation.record(change)
-        self.neighbour_list.is_stale |= self._invalidation.is_stale(NEIGHBOUR_LIST)
+        self.neighbour_list.is_stale |= NEIGHBOUR_LIST in self._invalidation.stale
 
     def store_springs(self) -> None:
         """Copy the springs of the contact blocks to the table of the neighbour list."""
@@ -119,9 +100,32 @@ class ContactDynamics:
             self.invalidate(Change.ROWS_REORDERED)
         self.neighbour_list.builds_since_sort = 0
 
-    # Stages of a step.
+    # A step.
 
-    def prepare_rows(self) -> None:
+    def advance(self, dt: float, sleep: SleepManager) -> StepResult:
+        """Advance all particles by one step of `dt` [s]."""
+        self._prepare_rows()
+        spheres, ground = sleep.pop_wake_spheres(), self._ground
+        state = self._step_state(
+            self.neighbour_list.num_valid(self._state.count), ground_changed=ground.has_changes
+        )
+        ground.has_changes = False
+        result = self._run(dt, state, spheres, sleep)
+        if result.num_disturbed:
+            self.invalidate(Change.PARTICLES_WOKEN)
+        if result.todo != READY:
+            self._update_list(dt, result)
+        while result.todo != READY or result.num_plate_contacts < 0:
+            if result.num_plate_contacts < 0:
+                self.plate_list.enlarge()
+            self._make_room(result.num_free)
+            state = self._step_state(self.neighbour_list.num_listed, started=result)
+            result = self._run(dt, state, spheres, sleep)
+        if result.num_free:
+            self._accept(result, sleep)
+        return result
+
+    def _prepare_rows(self) -> None:
         """Make room for the records of all rows, and sort the rows once in a while."""
         # Tools have body records too, in the last rows.
         if self._buffers.reserve(self._state.count + len(self._tools.tools)):
@@ -129,30 +133,86 @@ class ContactDynamics:
         if self.neighbour_list.builds_since_sort >= _BUILDS_PER_SORT:
             self.sort_rows()
 
-    def update_neighbour_list(self, dt: float, moving: MovingRows) -> None:
+    def _step_state(
+        self,
+        num_listed: int,
+        *,
+        ground_changed: bool = False,
+        started: StepResult | None = None,
+    ) -> StepState:
+        """Return what has changed since the last step, and the numbers of a step that has started.
+
+        Pair contacts that are stale are cleared where the neighbour list is valid.
+        """
+        stale = self._invalidation.stale
+        rebuilds_contacts = CONTACT_BLOCKS in stale
+        if rebuilds_contacts and NEIGHBOUR_LIST not in stale:
+            self._pair_contacts.clear(self.neighbour_list.pairs)
+        return StepState(
+            started is not None,
+            started.num_free if started else 0,
+            started.num_locked if started else 0,
+            num_listed,
+            ground_changed,
+            BODY_RECORDS in stale,
+            rebuilds_contacts,
+            self._num_growing > 0,
+            INITIAL_RADII in stale,
+        )
+
+    def _run(
+        self, dt: float, state: StepState, spheres: NDArray[np.float64], sleep: SleepManager
+    ) -> StepResult:
+        """Call the kernel of a step."""
+        pairs, plates, tools = self.neighbour_list, self.plate_list, self._tools
+        return StepResult(
+            *advance_particles.for_threads(pairs.threads)(
+                dt, state, spheres, pairs.listed, self._step_params(dt),
+                self._buffers.boxed_memory, self._state.boxed, pairs.pairs.boxed,
+                self._pair_contacts.boxed, plates.table.boxed_arrays, plates.next.boxed_arrays,
+                self._plate_contacts.boxed_memory, self._ground_list.boxed_data,
+                tools.boxed_motion, sleep.boxed_gravity,
+            )
+        )  # fmt: skip
+
+    def _update_list(self, dt: float, started: StepResult) -> None:
         """Rebuild the neighbour list where it is worn out, or insert the particles added since."""
         state, pairs = self._state, self.neighbour_list
-        # The list measures displacements from the mean of the tracked rows. Where most particles
-        # rest, only the moving ones are tracked.
-        tracks_all = moving.all.size > _TRACK_ALL_FRACTION * state.count
-        tracked_rows = np.arange(state.count) if tracks_all else moving.all
-        if pairs.needs_rebuild(state, tracked_rows, dt):
+        num_moving = started.num_free + started.num_locked
+        memory = self._buffers.memory
+        if tracks_all_rows(num_moving, state.count):
+            tracked_rows = memory.all_rows[: state.count]
+        else:
+            tracked_rows = memory.moving_rows[:num_moving]
+        if started.todo == LIST_EXPIRED:
             self.invalidate(Change.LIST_EXPIRED)
             pairs.build(state, tracked_rows, dt)
             self._invalidation.mark_rebuilt(NEIGHBOUR_LIST)
-        elif pairs.num_listed < state.count:
+        elif started.todo == ROWS_NOT_LISTED:
             pairs.insert(state, tracked_rows, dt)
 
-    def contact_tables(self, contacts: BoundaryContacts) -> StepContactTables:
-        """Return all contacts of the step, with the `contacts` of it that were listed."""
-        return StepContactTables(
-            self._buffers.boxed_memory, self._pair_contacts.boxed,
-            self.plate_list.table.boxed_arrays, contacts.num_plate_contacts,
-            self._ground_list.boxed_data, contacts.num_ground_contacts,
-        )  # fmt: skip
+    def _make_room(self, num_free: int) -> None:
+        """Make room for the contacts of a number of particles that move by forces."""
+        self._ground_list.reserve(num_free)
+        table = self.plate_list.next_table(self._state.count)
+        self._plate_contacts.reserve(table, len(self._tools.tool_of_plate))
 
-    def _motion_params(self, dt: float) -> BoxedTable:
-        """Return the boxed `MotionParams` of steps of `dt` [s]."""
+    def _accept(self, result: StepResult, sleep: SleepManager) -> None:
+        """Take over the results of a step in which particles moved by forces."""
+        self.plate_list.accept(result.num_plate_contacts, has_tools=bool(self._tools.tools))
+        self._num_growing = result.num_growing
+        if self._invalidation.stale:
+            self._invalidation.mark_rebuilt(INITIAL_RADII, BODY_RECORDS, CONTACT_BLOCKS)
+        if result.num_locking:
+            rows = self._buffers.memory.moving_rows[: result.num_free]
+            sleep.set_locked_positions(self._state, self._tools, rows)
+        if result.num_woken:
+            self.invalidate(Change.PARTICLES_WOKEN)
+        if result.num_asleep:
+            self.invalidate(Change.PARTICLES_ASLEEP)
+
+    def _step_params(self, dt: float) -> BoxedTable:
+        """Return the boxed `StepParams` of steps of `dt` [s]."""
         boxed = self._boxed_params.get(dt)
         if boxed is None:
             params = self._params
@@ -165,7 +225,8 @@ class ContactDynamics:
             )
             self._boxed_params.clear()
             boxed = self._boxed_params[dt] = box_table(
-                MotionParams(
+                StepParams(
+                    SleepParams.of(params),
                     substeps,
                     contact_parameters(substep, duration, params.restitution),
                     contact_parameters(substep, duration, params.boundary_restitution),
@@ -175,42 +236,3 @@ class ContactDynamics:
                 )
             )
         return boxed
-
-    def move(self, dt: float, moving: MovingRows) -> StepMotion:
-        """List the contacts with plates and the ground, let particles grow, and move them.
-
-        Args:
-            dt: [s].
-            moving: rows that move; at least one moves by forces.
-        """
-        tools, pairs, plate_list = self._tools, self.neighbour_list.pairs, self.plate_list
-        invalidation, has_tools = self._invalidation, bool(tools.tools)
-        self._ground_list.reserve(moving.num_free)
-        step = StepState(
-            loads_all=invalidation.is_stale(BODY_RECORDS),
-            rebuilds_contacts=invalidation.is_stale(CONTACT_BLOCKS),
-            grows=self._num_growing > 0,
-            sets_initial_radii=invalidation.is_stale(INITIAL_RADII),
-        )
-        if step.rebuilds_contacts:
-            self._pair_contacts.clear(pairs)
-        is_moved = False
-        while not is_moved:
-            plates = plate_list.next_table(self._state.count)
-            self._plate_contacts.reserve(plates, len(tools.tool_of_plate))
-            num_plate_contacts, num_ground_contacts, num_growing, num_tunnelled, num_recovered = (
-                move_particles.for_threads(self.neighbour_list.threads)(
-                    dt, self._motion_params(dt), step, moving, self._buffers.boxed_memory,
-                    self._state.boxed, pairs.boxed, self._pair_contacts.boxed,
-                    plate_list.table.boxed_arrays, plates.boxed_arrays,
-                    self._plate_contacts.boxed_memory, self._ground_list.boxed_data,
-                    tools.boxed_motion,
-                )
-            )  # fmt: skip
-            is_moved = plate_list.accept(num_plate_contacts, has_tools=has_tools)
-        if step.grows:
-            self._num_growing = num_growing
-            invalidation.mark_rebuilt(INITIAL_RADII)
-        invalidation.mark_rebuilt(BODY_RECORDS, CONTACT_BLOCKS)
-        contacts = BoundaryContacts(num_plate_contacts, num_ground_contacts)
-        return StepMotion(contacts, num_tunnelled, num_recovered)

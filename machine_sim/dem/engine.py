@@ -13,7 +13,7 @@ from machine_sim.dem.invalidation import Change
 from machine_sim.dem.neighbours.verlet_list import VerletList
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.sleep.sleep_manager import SleepManager
-from machine_sim.dem.sleep.sleep_state import AWAKE, MovingRows
+from machine_sim.dem.sleep.sleep_state import AWAKE
 from machine_sim.dem.soil_engine import SoilEngine, read_only
 from machine_sim.dem.state import ParticleError
 from machine_sim.dem.tools.rigid_tool import RigidTool
@@ -53,7 +53,7 @@ class ParticleEngine(SoilEngine):
         """
         super().__init__(params, ground, soils, params.substeps)
         self._dynamics = ContactDynamics(params, self.state, ground, self._tools)
-        self._sleep_manager = SleepManager(params)
+        self._sleep_manager = SleepManager(params.gravity)
 
     # Particles in and out.
 
@@ -189,34 +189,9 @@ class ParticleEngine(SoilEngine):
             ParticleError: dt is not between 0 and 0.1 s.
         """
         self._validate_step(dt)
-        state, tools = self.state, self._tools
-        tools.begin_step(dt)
-        self._dynamics.prepare_rows()
-        num_woken, moving = self._sleep_manager.wake_disturbed(state, tools, self.ground, dt)
-        if num_woken:
-            self._dynamics.invalidate(Change.PARTICLES_WOKEN)
-        if moving.num_free:
-            self._advance(dt, moving)
-        elif moving.locked_tool.size:
-            self._sleep_manager.move_locked_loads(state, tools, moving)
-        tools.end_step()
-
-    def _advance(self, dt: float, moving: MovingRows) -> None:
-        """Run the stages of a step in which particles move by forces."""
-        state, tools, dynamics = self.state, self._tools, self._dynamics
-        dynamics.update_neighbour_list(dt, moving)
-        motion = dynamics.move(dt, moving)
-        self.num_plate_tunnellings += motion.num_tunnelled
-        self.num_ground_tunnellings += motion.num_recovered
-        if moving.locked_tool.size:
-            self._sleep_manager.move_locked_loads(state, tools, moving)
-        num_woken, num_asleep = self._sleep_manager.update(
-            state, tools, moving.free, dynamics.contact_tables(motion.contacts), dt
-        )
-        if num_woken:
-            dynamics.invalidate(Change.PARTICLES_WOKEN)
-        if num_asleep:
-            dynamics.invalidate(Change.PARTICLES_ASLEEP)
+        result = self._dynamics.advance(dt, self._sleep_manager)
+        self.num_plate_tunnellings += result.num_tunnelled
+        self.num_ground_tunnellings += result.num_recovered
 
     # Present state.
 

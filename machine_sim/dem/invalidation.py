@@ -89,19 +89,19 @@ STALE_AFTER: Mapping[Change, frozenset[str]] = {
 
 
 class Invalidation:
-    """Which derived data is stale. All but initial radii is stale at first."""
+    """Which derived data is stale. All but initial radii is stale at first.
+
+    Attributes:
+        stale: the names of that data.
+    """
 
     def __init__(self) -> None:
-        self._stale = set(_LIST | _RECORDS)
+        self.stale = set(_LIST | _RECORDS)
 
     def record(self, change: Change) -> None:
         """Mark as stale what a change affects."""
-        self._stale |= STALE_AFTER[change]
-
-    def is_stale(self, derived: str) -> bool:
-        """Return whether this data is stale."""
-        return derived in self._stale
+        self.stale |= STALE_AFTER[change]
 
     def mark_rebuilt(self, *derived: str) -> None:
         """Record that this data is valid again."""
-        self._stale.difference_update(derived)
+        self.stale.difference_update(derived)

@@ -1,10 +1,9 @@
-"""Motion of the particles in a step, in one call: contacts, substeps, and what is checked after.
+"""Motion of the particles in a step: contacts, substeps, and what is checked after.
 
     contacts with plates and ground -> growth -> body records -> pair contacts -> plate contacts
     -> substeps -> positions -> tunnelling -> recovery on the ground and settle timers
 
-A step of a thousand particles takes a fraction of a millisecond; calling each stage from Python
-would take as long again.
+`particle_step` calls it between the start and the end of a step.
 """
 
 from __future__ import annotations
@@ -30,16 +29,18 @@ from machine_sim.dem.contacts.plate_contact_list import PlateCandidates
 from machine_sim.dem.contacts.plate_contacts import fill_plate_blocks, store_plate_history
 from machine_sim.dem.contacts.tunnelling import count_tunnelled
 from machine_sim.dem.lifecycle.growth import grow_radii, set_initial_radii
+from machine_sim.dem.sleep.sleep_state import SleepParams
 from machine_sim.dem.substeps import LockedRows, SubstepParams, run_substeps
 from msg_bridge.kernels import helper, threaded_stages
 
-__all__ = ["MotionParams", "StepState", "move_particles"]
+__all__ = ["StepParams", "move_particles"]
 
 
-class MotionParams(NamedTuple):
+class StepParams(NamedTuple):
     """Physics of steps of one length.
 
     Attributes:
+        sleep: parameters of sleep.
         substeps: number of substeps, gravity and coefficients of the ground.
         pairs, surface: contact law of pairs, and of plates and the ground.
         settle_speed: speed below which the settle timer of a particle on the ground runs [m/s].
@@ -47,6 +48,7 @@ class MotionParams(NamedTuple):
         max_growth: maximum growth of a contact radius in a step, in radii.
     """
 
+    sleep: SleepParams
     substeps: SubstepParams
     pairs: ContactParameters
     surface: ContactParameters
@@ -55,34 +57,18 @@ class MotionParams(NamedTuple):
     max_growth: float
 
 
-class StepState(NamedTuple):
-    """What has changed since the last step.
-
-    Attributes:
-        loads_all: whether the body records of all particles are loaded, not of moving ones only.
-        rebuilds_contacts: whether the pair contacts were cleared.
-        grows: whether there may be contact radii below the full radius.
-        sets_initial_radii: whether there may be contact radii of 0.
-    """
-
-    loads_all: bool
-    rebuilds_contacts: bool
-    grows: bool
-    sets_initial_radii: bool
-
-
 @threaded_stages
 def move_particles(  # type: ignore[no-untyped-def]
-    dt, boxed_params, step, moving, boxed_memory, boxed_particles, boxed_list, boxed_pairs,
+    dt, step, moving, boxed_params, boxed_memory, boxed_particles, boxed_list, boxed_pairs,
     boxed_old_plates, boxed_plates, boxed_plate_memory, boxed_ground, boxed_tools,
 ):  # fmt: skip
     """Advance all particles that move by one step.
 
     Args:
         dt: length of the step [s].
-        boxed_params: `MotionParams`, boxed, as the tables below.
-        step: `StepState`.
+        step: `StepState` of `particle_step`.
         moving: `MovingRows`.
+        boxed_params: `StepParams`, boxed, as the tables below.
         boxed_memory: `StepMemory`.
         boxed_particles: `ParticleColumns`; updated.
         boxed_list: `ListedPairs`.
@@ -126,7 +112,7 @@ def move_particles(  # type: ignore[no-untyped-def]
                 ground_contacts,
             )  # fmt: skip
         num_growing = grow_radii(params.max_growth, first, second, particles)
-    loaded_rows = np.arange(particles.radius.size) if step.loads_all else moving.all
+    loaded_rows = memory.all_rows[: particles.radius.size] if step.loads_all else moving.all
     load_body_records(
         loaded_rows, body, force_sums, velocity, angular_velocity, particles.contact_radius,
         particles.radius, particles.inverse_mass, particles.sleep_state,

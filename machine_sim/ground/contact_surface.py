@@ -55,6 +55,8 @@ class Ground:
         frame: position of the grid in the map frame, as kernels need it to find the cell of a
             point: x of row 0 and y of column 0 [m], and 1 / cell size [1/m].
         soil, moisture: soil id and moisture [% of saturation] at the surface, same shape, uint8.
+        changed, has_changes: which cells have changed, same shape, and whether any has; their only
+            reader, the engine of the particles, clears them.
     """
 
     def __init__(
@@ -87,8 +89,8 @@ class Ground:
         self.max_sinkage: NDArray[np.float64] = np.zeros(grid.shape)
         self._rising_cells: NDArray[np.int64] = np.zeros(0, dtype=np.int64)  # flat, unique
         self._is_rising: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
-        self._changed: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
-        self._has_changes = False
+        self.changed: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
+        self.has_changes = False
 
     def continue_from(self, other: Ground) -> None:
         """Take terrain and ruts from a ground of the same grid; soils keep their ids.
@@ -109,7 +111,7 @@ class Ground:
         ):
             layer[:] = before
         self._rising_cells = other._rising_cells.copy()
-        self._changed[:] = self._has_changes = True
+        self.changed[:] = self.has_changes = True
 
     def check_keyframe(self, keyframe: Keyframe) -> None:
         """Check that a terrain can be applied: its grid, heights and soils.
@@ -200,22 +202,11 @@ class Ground:
             self.rut_depth,
             self.max_sinkage,
             self.undisturbed_surface,
-            self._changed,
+            self.changed,
             self._is_rising,
             self._rising_cells,
         )
-        self._has_changes = True
-
-    def pop_changed_cells(self) -> NDArray[np.bool_] | None:
-        """Return which cells changed since the last call, shape (rows, cols), or None if none did.
-
-        Only one reader may call it.
-        """
-        if not self._has_changes:
-            return None
-        changed = self._changed.copy()
-        self._changed[:] = self._has_changes = False
-        return changed
+        self.has_changes = True
 
     def advance(self, dt: float) -> None:
         """Raise the contact surface toward the soil's surface for `dt` [s]."""
@@ -228,11 +219,11 @@ class Ground:
             self.surface,
             self.rut_depth,
             self.undisturbed_surface,
-            self._changed,
+            self.changed,
             self._is_rising,
         )
         self._rising_cells = self._rising_cells[:num_rising]
-        self._has_changes = True
+        self.has_changes = True
 
     def _check_soil_ids(self, soil: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Return soil ids after checking that each is known."""

@@ -81,12 +81,14 @@ class GroundData(NamedTuple):
         surface: contact surface [m], shape (rows, cols).
         frame: see `Ground.frame`.
         cell: size of a cell [m].
+        changed: see `Ground.changed`.
         contacts, blocks: arrays with room for all contacts of a step.
     """
 
     surface: NDArray[np.float64]
     frame: tuple[float, float, float]
     cell: float
+    changed: NDArray[np.bool_]
     contacts: GroundContacts
     blocks: GroundContactBlocks
 
@@ -115,6 +117,7 @@ class GroundContactList:
                 ground.surface,
                 ground.frame,
                 ground.grid.cell,
+                ground.changed,
                 GroundContacts(
                     np.zeros(count, np.int64), np.zeros((count, PLANE_SIZE)), np.zeros((count, 3))
                 ),

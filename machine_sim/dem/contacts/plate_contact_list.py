@@ -94,36 +94,38 @@ class PlateContactTable:
 
 
 class PlateContactList:
-    """The table of plate contacts, listed in each step with its history carried over."""
+    """The table of plate contacts, listed in each step with its history carried over.
+
+    Attributes:
+        table: contacts of the last step.
+        next: table for those of the next step.
+    """
 
     def __init__(self) -> None:
         self.table = PlateContactTable(1024)
-        self._spare = PlateContactTable(1024)
+        self.next = PlateContactTable(1024)
 
     def next_table(self, num_rows: int) -> PlateContactTable:
         """Return the table for the contacts of the next step, for a number of particles."""
-        self._spare.reserve_rows(num_rows)
-        return self._spare
+        self.next.reserve_rows(num_rows)
+        return self.next
 
-    def accept(self, count: int, *, has_tools: bool) -> bool:
-        """Make the next table the present one, with the result of `list_plate_contacts`.
+    def enlarge(self) -> None:
+        """Make the next table larger, as it was too small."""
+        self.next = PlateContactTable(2 * len(self.next.row))
+
+    def accept(self, count: int, *, has_tools: bool) -> None:
+        """Make the next table the present one.
 
         Args:
-            count: number of contacts, -1 where the table was too small.
+            count: number of contacts in it.
             has_tools: whether there are tools; without any the table was not filled.
-
-        Returns:
-            False where the table was too small; it is larger now.
         """
         if not has_tools:
             self.table.count = 0
-            return True
-        if count < 0:
-            self._spare = PlateContactTable(2 * len(self._spare.row))
-            return False
-        self._spare.count = count
-        self.table, self._spare = self._spare, self.table
-        return True
+            return
+        self.next.count = count
+        self.table, self.next = self.next, self.table
 
     def remove(self, low: int, high: int) -> None:
         """Remove plates number `low` to `high` - 1; the numbers of later plates decrease."""

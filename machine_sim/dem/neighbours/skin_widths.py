@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import prange
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from machine_sim.dem.partition import NUM_CHUNKS, row_chunk
 from machine_sim.dem.vec3 import add, dot, load_row, scale, subtract
-from msg_bridge.kernels import helper, kernel, threaded_kernel
+from msg_bridge.kernels import helper, kernel, threaded_helper
 
 __all__ = [
     "ACCELERATION_MARGIN",
@@ -20,12 +21,15 @@ __all__ = [
     "any_skin_exceeded",
     "compute_skin_widths",
     "predict_contact_radii",
+    "tracks_all_rows",
 ]
 
 LIST_LIFETIME_STEPS = 5.0
 """Number of steps that a list should be valid for while particles move."""
 ACCELERATION_MARGIN = 1.3
 """Skin width over the distance travelled at constant velocity: a margin for acceleration."""
+_TRACK_ALL_FRACTION = 0.75
+"""Fraction of moving particles above which a list tracks the motion of all."""
 
 
 class ListedParticles(NamedTuple):
@@ -59,21 +63,28 @@ class GrowthPrediction(NamedTuple):
     increase: float
 
 
-@threaded_kernel
-def any_skin_exceeded(  # type: ignore[no-untyped-def]
-    rows, tracks_all, boxed_particles, listed, growth, dt
-):
+@register_jitable
+def tracks_all_rows(num_moving: int, count: int) -> bool:
+    """Return whether a list tracks all particles where a number of them, of `count`, move.
+
+    A list measures displacements from the mean of the tracked rows. Where most particles rest, only
+    the moving ones are tracked.
+    """
+    return num_moving > _TRACK_ALL_FRACTION * count
+
+
+@threaded_helper
+def any_skin_exceeded(rows, tracks_all, particles, listed, growth, dt):  # type: ignore[no-untyped-def]
     """Return whether a particle may leave its skin or outgrow its predicted radius within a step.
 
     Args:
         rows: tracked rows.
         tracks_all: whether these are all particles: then displacements are relative to their mean.
-        boxed_particles: `ParticleColumns`, boxed.
+        particles: `ParticleColumns`.
         listed: `ListedParticles`.
         growth: `GrowthPrediction` of one step.
         dt: length of the step [s].
     """
-    particles = boxed_particles.table
     position, velocity = particles.position, particles.velocity
     contact_radius, radius = particles.contact_radius, particles.radius
     displacement = np.zeros((NUM_CHUNKS, 3))

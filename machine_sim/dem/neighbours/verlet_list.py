@@ -35,7 +35,6 @@ from machine_sim.dem.neighbours.skin_widths import (
     LIST_LIFETIME_STEPS,
     GrowthPrediction,
     ListedParticles,
-    any_skin_exceeded,
     predict_contact_radii,
 )
 from machine_sim.dem.neighbours.spring_history import SpringHistory
@@ -62,6 +61,7 @@ class VerletList:
 
     Attributes:
         pairs: the present table.
+        listed: what it assumed of its particles.
         spring_history: springs of pairs that are both asleep and not listed.
         is_stale: whether the list must be rebuilt before the next step, as rows changed.
         num_builds: number of builds.
@@ -75,7 +75,7 @@ class VerletList:
         self._spare = PairTable(4096, 0)
         self.spring_history = SpringHistory()
         self._active = np.zeros(0, np.bool_)
-        self._listed = ListedParticles.empty(0)
+        self.listed = ListedParticles.empty(0)
         self.is_stale = True
         self.num_builds = 0
         self.builds_since_sort = 0
@@ -103,8 +103,8 @@ class VerletList:
         pairs, kept = self.pairs, kept[kept < self.num_listed]
         pairs.set_pairs(remove_pairs(kept, self.num_listed, pairs.arrays, pairs.count))
         active, listed = np.empty(kept.size, np.bool_), ListedParticles.empty(kept.size)
-        keep_listed(kept, self._active, self._listed, active, listed)
-        self._active, self._listed = active, listed
+        keep_listed(kept, self._active, self.listed, active, listed)
+        self._active, self.listed = active, listed
         state.pair_list_row[: kept.size] = np.arange(kept.size, dtype=np.int32)
 
     def insert(self, state: ParticleState, tracked_rows: NDArray[np.int64], dt: float) -> None:
@@ -120,7 +120,7 @@ class VerletList:
         listed_rows = tracked_rows[tracked_rows < num_listed]
         displacement, velocity = np.zeros(3), np.zeros(3)
         if tracked_rows.size == count and listed_rows.size:
-            displacement = mean_displacement(listed_rows, state.position, self._listed.position)
+            displacement = mean_displacement(listed_rows, state.position, self.listed.position)
             velocity = state.velocity[listed_rows].mean(0)
         speed = np.linalg.norm(state.velocity[num_listed:] - velocity, axis=1)
         travel = ACCELERATION_MARGIN * dt * LIST_LIFETIME_STEPS * speed
@@ -129,11 +129,11 @@ class VerletList:
             self._base_skin_width(state) + travel,
             self._predict_radii(state, dt)[num_listed:],
         )
-        self._listed = ListedParticles(
-            *(np.concatenate(columns) for columns in zip(self._listed, added, strict=True))
+        self.listed = ListedParticles(
+            *(np.concatenate(columns) for columns in zip(self.listed, added, strict=True))
         )
         self._active = np.concatenate([self._active, active[num_listed:]])
-        listed = self._listed
+        listed = self.listed
         particles = SearchParticles(
             listed.position, listed.predicted_radius + listed.skin_width, active
         )
@@ -144,31 +144,17 @@ class VerletList:
         pairs.set_pairs(num_pairs)
         state.pair_list_row[num_listed:] = np.arange(num_listed, count, dtype=np.int32)
 
-    def needs_rebuild(
-        self, state: ParticleState, tracked_rows: NDArray[np.int64], dt: float
-    ) -> bool:
-        """Return whether the list must be rebuilt before the next step.
+    def num_valid(self, count: int) -> int:
+        """Return the number of listed rows, or -1 if the list must be rebuilt for `count` rows.
 
-        Args:
-            state: the particles.
-            tracked_rows: see `build`.
-            dt: length of the step [s].
+        Rows that are not listed are to be inserted; where they are many, a rebuild is cheaper.
         """
-        num_added = state.count - self.num_listed
-        num_comparisons = num_added * state.count
-        if self.is_stale or (
-            num_added
-            and (self.pairs.is_partitioned or num_comparisons > _MAX_BRUTE_FORCE_COMPARISONS)
-        ):
-            self.is_stale = True
-            return True
-        rows = tracked_rows[tracked_rows < self.num_listed] if num_added else tracked_rows
-        return rows.size > 0 and bool(
-            any_skin_exceeded.for_threads(self.threads)(
-                rows, rows.size == self.num_listed, state.boxed, self._listed,
-                self._predict_growth(dt, 1.0), dt,
-            )
-        )  # fmt: skip
+        num_listed = self.num_listed
+        num_added = count - num_listed
+        too_many = num_added and (
+            self.pairs.is_partitioned or num_added * count > _MAX_BRUTE_FORCE_COMPARISONS
+        )
+        return -1 if self.is_stale or too_many else num_listed
 
     def _base_skin_width(self, state: ParticleState) -> float:
         """Return the skin width of a particle at rest [m]."""
@@ -238,6 +224,6 @@ class VerletList:
         self.spring_history.restore(state, self._active, new)
         if num_asleep:
             self.spring_history.save(state, old, num_asleep)
-        self._listed, self._active = listed, active
+        self.listed, self._active = listed, active
         self.builds_since_sort += not sparse
         return True

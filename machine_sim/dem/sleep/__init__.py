@@ -16,7 +16,7 @@ In the order of a step:
 - `fall_asleep`: which particles are touched awake in a step, and which fall asleep after it
     - `sleep_timers`: how long each awake particle has hardly moved
     - `support`: which particles rest on a tool, on something else, or on both
-- `sleep_manager`: all of it, as the engine calls it
+- `sleep_manager`: what an engine keeps for it from step to step
 """
 
 from machine_sim.dem.sleep.sleep_manager import SleepManager

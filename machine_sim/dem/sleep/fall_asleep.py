@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from machine_sim.dem.contacts.ground_contacts import first_ground_contacts
-from machine_sim.dem.contacts.plate_contact_list import PlateCandidates
-from machine_sim.dem.contacts.step_contacts import StepContacts
 from machine_sim.dem.sleep.sleep_state import (
     ASLEEP_ON_MAP,
     FIRST_LOCKED_TOOL,
@@ -17,7 +14,7 @@ from machine_sim.dem.sleep.sleep_timers import update_sleep_timers
 from machine_sim.dem.sleep.support import trace_support
 from machine_sim.dem.sleep.wake_conditions import wake_touching
 from machine_sim.dem.tools.pose import is_moving
-from msg_bridge.kernels import fixed_signature_kernel, helper
+from msg_bridge.kernels import helper
 
 __all__ = ["update_sleep"]
 
@@ -25,38 +22,25 @@ _MIN_LOCKED_FRACTION = 0.95
 """Minimum fraction of the particles in a tool that can be locked, else none is locked."""
 
 
-@fixed_signature_kernel
-def update_sleep(  # type: ignore[no-untyped-def]
-    dt, boxed_params, rows, boxed_particles, boxed_tools, boxed_gravity, boxed_memory, boxed_pairs,
-    boxed_plates, num_plate_contacts, boxed_ground, num_ground_contacts,
-):  # fmt: skip
+@helper(allocates=True)
+def update_sleep(dt, params, rows, inside, particles, tools, gravity, contacts):  # type: ignore[no-untyped-def]
     """Wake particles that moving ones touch, and put those to sleep that have rested long enough.
 
     Args:
         dt: length of the step [s].
-        boxed_params: `SleepParams`, boxed, as the tables below.
+        params: `SleepParams`.
         rows: rows that moved by forces in the step.
-        boxed_particles: `ParticleColumns`; those that fall asleep are at rest on their carriers.
-        boxed_tools: `ToolMotion` at the end of the step.
-        boxed_gravity: `GravityInTools`; the first soil of a load defines the gravity under which
-            the load is at rest.
-        boxed_memory: `StepMemory`, with the tool in whose hull each of `rows` is.
-        boxed_pairs: `PairContactData`.
-        boxed_plates, num_plate_contacts: `PlateContactArrays`, and the number of contacts.
-        boxed_ground, num_ground_contacts: `GroundData`, and the number of contacts.
+        inside: tool in whose hull each of them is.
+        particles: `ParticleColumns`; those that fall asleep are at rest on their carriers.
+        tools: `ToolMotion` at the end of the step.
+        gravity: `GravityInTools`; the first soil of a load defines the gravity under which the load
+            is at rest.
+        contacts: `StepContacts`.
 
     Returns:
         (number of particles that woke; number that fell asleep; number of these that were locked
         to a tool, whose wake references are still to be set).
     """
-    params, particles, tools = boxed_params.table, boxed_particles.table, boxed_tools.table
-    inside = boxed_memory.table.inside[: rows.size]
-    plates, ground = boxed_plates.table, boxed_ground.table.contacts
-    contacts = StepContacts(
-        boxed_pairs.table.blocks,
-        PlateCandidates(plates.row[:num_plate_contacts], plates.plate[:num_plate_contacts]),
-        first_ground_contacts(ground, num_ground_contacts),
-    )
     num_woken = 0
     if rows.size < particles.sleep_state.size:
         num_woken = wake_touching(rows, contacts.pair_contacts, particles, params.wake_speed)
@@ -67,9 +51,8 @@ def update_sleep(  # type: ignore[no-untyped-def]
     ):  # fmt: skip
         for t in range(tools.twist.shape[0]):
             _classify_load(
-                t, params, rows, inside, particles, tools, boxed_gravity.table, contacts, ready,
-                sleep_state,
-            )  # fmt: skip
+                t, params, rows, inside, particles, tools, gravity, contacts, ready, sleep_state
+            )
     num_asleep, num_locked = _set_asleep(rows, ready, sleep_state, particles)
     return num_woken, num_asleep, num_locked
 

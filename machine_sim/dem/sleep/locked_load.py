@@ -12,27 +12,23 @@ from machine_sim.dem.tools.pose import (
     velocity_at,
 )
 from machine_sim.dem.vec3 import cross
-from msg_bridge.kernels import fixed_signature_kernel, helper
+from msg_bridge.kernels import helper
 
 __all__ = ["move_locked_loads"]
 
 
-@fixed_signature_kernel
-def move_locked_loads(  # type: ignore[no-untyped-def]
-    standard, locked_rows, tool_of_row, boxed_particles, boxed_tools, boxed_gravity
-):
+@helper
+def move_locked_loads(standard, locked_rows, tool_of_row, particles, tools, acceleration):  # type: ignore[no-untyped-def]
     """Move locked particles to the end poses of their tools; add their weight and inertia to the
     wrenches.
 
     Args:
         standard: acceleration of gravity, downward [m/s^2].
         locked_rows, tool_of_row: locked rows, and the tool index of each.
-        boxed_particles: `ParticleColumns`, boxed, as the tables below; the motion is updated.
-        boxed_tools: `ToolMotion` of a step that has begun; the wrenches are updated.
-        boxed_gravity: `GravityInTools`.
+        particles: `ParticleColumns`; the motion is updated.
+        tools: `ToolMotion` of a step that has begun; the wrenches are updated.
+        acceleration: of each tool, see `GravityInTools`.
     """
-    particles, tools = boxed_particles.table, boxed_tools.table
-    acceleration = boxed_gravity.table.acceleration
     substeps, num_tools = tools.path.shape[0] - 1, tools.path.shape[1]
     for t in range(num_tools):
         load, centre = _move_locked_load(

@@ -8,6 +8,7 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.state import ASLEEP_ON_MAP, AWAKE
 from msg_bridge.kernels import helper
 
@@ -53,16 +54,6 @@ class MovingRows(NamedTuple):
     num_free: int
     locked_tool: NDArray[np.int64]
 
-    @property
-    def free(self) -> NDArray[np.int64]:
-        """Rows that move by forces."""
-        return self.all[: self.num_free]
-
-    @property
-    def locked(self) -> NDArray[np.int64]:
-        """Rows that are locked to a tool."""
-        return self.all[self.num_free :]
-
 
 class SleepParams(NamedTuple):
     """Parameters of sleep, for kernels.
@@ -82,6 +73,19 @@ class SleepParams(NamedTuple):
     sleep_time: float
     allow_sleeping: bool
     allow_load_locking: bool
+
+    @classmethod
+    def of(cls, params: ParticleParams) -> SleepParams:
+        """Return those of an engine."""
+        return cls(
+            gravity=params.gravity,
+            wake_gravity_change=params.wake_gravity_change * params.gravity,
+            wake_speed=params.wake_speed,
+            sleep_speed=params.sleep_speed,
+            sleep_time=params.sleep_time,
+            allow_sleeping=params.allow_sleeping,
+            allow_load_locking=params.allow_load_locking,
+        )
 
 
 @helper(allocates=True)

@@ -19,42 +19,40 @@ from machine_sim.dem.sleep.wake_conditions import (
     wake_on_changed_ground,
 )
 from machine_sim.dem.tools.pose import is_moving
-from msg_bridge.kernels import fixed_signature_kernel, helper
+from msg_bridge.kernels import helper
 
 __all__ = ["wake_disturbed"]
 
 
-@fixed_signature_kernel
+@helper(allocates=True)
 def wake_disturbed(  # type: ignore[no-untyped-def]
-    dt, boxed_params, boxed_particles, boxed_tools, boxed_gravity, spheres, changed, frame,
-    moving_rows, locked_tools,
+    dt, params, particles, tools, gravity, spheres, ground_changed, ground, moving_rows,
+    locked_tools,
 ):  # fmt: skip
     """Wake the particles that are disturbed in the step to come, and select the rows that move.
 
     Args:
         dt: length of the step [s].
-        boxed_params: `SleepParams`, boxed, as the tables below.
-        boxed_particles: `ParticleColumns`; particles that wake keep the velocity of their carrier.
-        boxed_tools: `ToolMotion` of the step, which has begun.
-        boxed_gravity: `GravityInTools`, updated.
+        params: `SleepParams`.
+        particles: `ParticleColumns`; particles that wake keep the velocity of their carrier.
+        tools: `ToolMotion` of the step, which has begun.
+        gravity: `GravityInTools`, updated.
         spheres: particles that reach into these wake [m], map frame, shape (n, WAKE_SPHERE_SIZE).
-        changed: which columns of the terrain changed, shape (rows, cols), or (0, 0) for none.
-        frame: `Ground.frame`.
+        ground_changed: whether any column of the terrain changed since the last step.
+        ground: `GroundData`; the marks of changed columns are cleared.
         moving_rows, locked_tools: out, rows and tools of `MovingRows`, with room for all particles.
 
     Returns:
         (number of particles that woke; numbers of rows that move by forces, and that are locked).
     """
-    params, particles, tools = boxed_params.table, boxed_particles.table, boxed_tools.table
-    gravity = boxed_gravity.table
     update_gravity(tools, params.gravity, dt, gravity)
     num_woken, rows = 0, _sleeping_rows(particles.sleep_state)
     if rows.size > 0:
         woken = np.zeros(rows.size, np.bool_)
         if spheres.shape[0] > 0:
             wake_in_spheres(rows, particles, spheres, woken)
-        if changed.size > 0:
-            wake_on_changed_ground(rows, particles, changed, frame, woken)
+        if ground_changed:
+            wake_on_changed_ground(rows, particles, ground.changed, ground.frame, woken)
         wake_load = _wake_by_tools(dt, rows, params, particles, tools, gravity, woken)
         for k in range(rows.size):
             i = rows[k]
@@ -62,6 +60,8 @@ def wake_disturbed(  # type: ignore[no-untyped-def]
             if woken[k] or (tool >= 0 and wake_load[tool]):
                 wake(i, particles)
                 num_woken += 1
+    if ground_changed:
+        ground.changed[:] = False
     num_free, num_locked = select_moving_rows(
         particles.sleep_state, particles.frozen, moving_rows, locked_tools
     )

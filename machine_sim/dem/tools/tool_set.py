@@ -16,7 +16,7 @@ from machine_sim.dem.tools.pose import (
     interpolate_poses,
 )
 from machine_sim.dem.tools.rigid_tool import RigidTool
-from msg_bridge.kernels import BoxedTable, box_table, fixed_signature_kernel
+from msg_bridge.kernels import BoxedTable, box_table, fixed_signature_kernel, helper
 
 __all__ = [
     "NO_TOOL",
@@ -25,6 +25,8 @@ __all__ = [
     "SPHERE_SIZE",
     "ToolMotion",
     "ToolSet",
+    "begin_tool_motion",
+    "end_tool_motion",
 ]
 
 NO_TOOL = -1
@@ -180,16 +182,24 @@ class ToolSet:
 
 @fixed_signature_kernel
 def _begin_step(dt, boxed_tools):  # type: ignore[no-untyped-def]
-    """Interpolate the poses of a step of `dt` [s], and clear the wrenches, of a `ToolMotion`."""
-    tools = boxed_tools.table
-    interpolate_poses(tools.poses[0], tools.poses[1], dt, tools.path, tools.twist)
-    tools.wrench[:] = 0.0
+    begin_tool_motion(dt, boxed_tools.table)
 
 
 @fixed_signature_kernel
 def _end_step(boxed_tools):  # type: ignore[no-untyped-def]
+    end_tool_motion(boxed_tools.table)
+
+
+@helper(allocates=True)
+def begin_tool_motion(dt, tools):  # type: ignore[no-untyped-def]
+    """Interpolate the poses of a step of `dt` [s], and clear the wrenches, of a `ToolMotion`."""
+    interpolate_poses(tools.poses[0], tools.poses[1], dt, tools.path, tools.twist)
+    tools.wrench[:] = 0.0
+
+
+@helper(allocates=True)
+def end_tool_motion(tools):  # type: ignore[no-untyped-def]
     """Divide the wrenches by the number of substeps; the end poses become the start poses."""
-    tools = boxed_tools.table
     num_substeps = tools.path.shape[0] - 1
     for t in range(tools.twist.shape[0]):
         for k in range(TWIST_SIZE):

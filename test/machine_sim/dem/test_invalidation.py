@@ -25,8 +25,8 @@ def invalidation() -> Invalidation:
 
 def test_all_persistent_data_is_stale_at_first() -> None:
     invalidation = Invalidation()
-    assert all(invalidation.is_stale(derived) for derived in PERSISTENT)
-    assert not invalidation.is_stale(INITIAL_RADII)
+    assert all(derived in invalidation.stale for derived in PERSISTENT)
+    assert INITIAL_RADII not in invalidation.stale
 
 
 @pytest.mark.parametrize("change", Change)
@@ -35,12 +35,12 @@ def test_every_change_makes_exactly_the_listed_data_stale(
 ) -> None:
     invalidation.record(change)
     for derived in (*PERSISTENT, INITIAL_RADII):
-        assert invalidation.is_stale(derived) == (derived in STALE_AFTER[change])
-    assert invalidation.is_stale(CONTACT_BLOCKS), "blocks depend on everything else"
+        assert (derived in invalidation.stale) == (derived in STALE_AFTER[change])
+    assert CONTACT_BLOCKS in invalidation.stale, "blocks depend on everything else"
 
 
 def test_rebuilt_data_is_valid_while_other_data_stays_stale(invalidation: Invalidation) -> None:
     invalidation.record(Change.PARTICLES_WOKEN)
     invalidation.mark_rebuilt(NEIGHBOUR_LIST)
-    assert not invalidation.is_stale(NEIGHBOUR_LIST)
-    assert invalidation.is_stale(CONTACT_BLOCKS)
+    assert NEIGHBOUR_LIST not in invalidation.stale
+    assert CONTACT_BLOCKS in invalidation.stale

@@ -84,13 +84,15 @@ def list_contacts(world: ParticleEngine) -> PlateContactList:
     plate_list, tools = PlateContactList(), world.tools
     particles = world.state.columns
     near_tools = select_near_tools(STEP, rows, particles, tools.motion, 0.0)
-    is_listed = False
-    while not is_listed:
+    count = -1
+    while count < 0:
         count = list_plate_contacts(
             STEP, rows, near_tools, particles, tools.motion, plate_list.table.arrays,
             plate_list.next_table(world.count).arrays,
         )  # fmt: skip
-        is_listed = plate_list.accept(count, has_tools=True)
+        if count < 0:
+            plate_list.enlarge()
+    plate_list.accept(count, has_tools=True)
     return plate_list
 
 
