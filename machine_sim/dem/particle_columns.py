@@ -1,15 +1,19 @@
-"""Columns of the particle state: their data types, and the table in which kernels get them."""
+"""Columns of the particle state: their data types, the table in which kernels get them, and rows
+that are removed from it."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import literal_unroll
 from numpy.typing import NDArray
 
-__all__ = ["ParticleColumns", "allocate_columns"]
+from msg_bridge.kernels import fixed_signature_kernel, helper
 
-_COLUMN_TYPES: dict[str, tuple[str, tuple[int, ...]]] = {
+__all__ = ["COLUMN_TYPES", "ParticleColumns", "allocate_columns", "remove_rows", "view_rows"]
+
+COLUMN_TYPES: dict[str, tuple[str, tuple[int, ...]]] = {
     "position": ("f8", (3,)),
     "velocity": ("f8", (3,)),
     "angular_velocity": ("f4", (3,)),
@@ -80,5 +84,88 @@ def allocate_columns(capacity: int) -> dict[str, NDArray[Any]]:
     """Return zeroed columns by name."""
     return {
         name: np.zeros((capacity, *shape), dtype=dtype)
-        for name, (dtype, shape) in _COLUMN_TYPES.items()
+        for name, (dtype, shape) in COLUMN_TYPES.items()
     }
+
+
+@fixed_signature_kernel
+def view_rows(count, boxed_columns, boxed_view):  # type: ignore[no-untyped-def]
+    """Make a boxed table that of the first rows of columns with spare capacity.
+
+    Args:
+        count: number of rows.
+        boxed_columns: `ParticleColumns`, boxed.
+        boxed_view: out, the same.
+    """
+    boxed_view.table = _first_rows(count, boxed_columns.table)
+
+
+@helper(allocates=True)
+def _first_rows(count, columns):  # type: ignore[no-untyped-def]
+    """Return the first rows of a `ParticleColumns`."""
+    c = columns
+    return ParticleColumns(
+        c.position[:count], c.velocity[:count], c.angular_velocity[:count], c.radius[:count],
+        c.contact_radius[:count], c.mass[:count], c.inverse_mass[:count], c.volume_mm3[:count],
+        c.soil[:count], c.moisture[:count], c.particle_id[:count], c.friction[:count],
+        c.rolling_friction[:count], c.cohesion[:count], c.tool_friction[:count],
+        c.tool_rolling_friction[:count], c.adhesion[:count], c.frozen[:count],
+        c.penetration_limited[:count], c.settle_timer[:count], c.ground_spring[:count],
+        c.ground_overlap[:count], c.sleep_state[:count], c.wake_reference[:count],
+        c.sleep_timer[:count], c.pair_list_row[:count], c.plate_list_row[:count],
+    )  # fmt: skip
+
+
+@fixed_signature_kernel
+def remove_rows(removed, count, boxed_columns, boxed_view, order, kept):  # type: ignore[no-untyped-def]
+    """Remove rows; the others keep their order.
+
+    Args:
+        removed: the rows.
+        count: previous number of rows.
+        boxed_columns: `ParticleColumns` with spare capacity, boxed; updated.
+        boxed_view: out, the same, of the rows that are left.
+        order: rows in the order of their ids, or none; those that are left come first.
+        kept: out, previous numbers of the rows that are left, ascending, with room for all.
+
+    Returns:
+        Number of rows that are left.
+    """
+    new_row, num_kept = np.zeros(count, np.int64), 0
+    for i in removed:
+        new_row[i] = -1
+    for i in range(count):
+        if new_row[i] == 0:
+            new_row[i] = num_kept
+            kept[num_kept] = i
+            num_kept += 1
+    num_ordered = 0
+    for i in order:
+        if new_row[i] >= 0:
+            order[num_ordered] = new_row[i]
+            num_ordered += 1
+    _move_rows_down(kept[:num_kept], boxed_columns.table)
+    boxed_view.table = _first_rows(num_kept, boxed_columns.table)
+    return num_kept
+
+
+@helper(allocates=True)
+def _move_rows_down(kept, columns):  # type: ignore[no-untyped-def]
+    """Make row `kept[k]` row k of every column, in place; `kept` is ascending."""
+    c, first = columns, 0
+    while first < kept.size and kept[first] == first:
+        first += 1
+    for scalars in literal_unroll((
+        c.radius, c.contact_radius, c.mass, c.inverse_mass, c.volume_mm3, c.soil, c.moisture,
+        c.particle_id, c.friction, c.rolling_friction, c.cohesion, c.tool_friction,
+        c.tool_rolling_friction, c.adhesion, c.frozen, c.penetration_limited, c.settle_timer,
+        c.ground_overlap, c.sleep_state, c.sleep_timer, c.pair_list_row, c.plate_list_row,
+    )):  # fmt: skip
+        for k in range(first, kept.size):
+            scalars[k] = scalars[kept[k]]
+    for vectors in literal_unroll((
+        c.position, c.velocity, c.angular_velocity, c.ground_spring, c.wake_reference,
+    )):  # fmt: skip
+        for k in range(first, kept.size):
+            for axis in range(3):
+                vectors[k, axis] = vectors[kept[k], axis]

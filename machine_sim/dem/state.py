@@ -8,12 +8,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import literal_unroll
 from numpy.typing import ArrayLike, NDArray
 
-from machine_sim.dem.particle_columns import ParticleColumns, allocate_columns
+from machine_sim.dem.particle_columns import (
+    COLUMN_TYPES,
+    ParticleColumns,
+    allocate_columns,
+    remove_rows,
+    view_rows,
+)
 from msg_bridge.contract.errors import EarthmovingError
-from msg_bridge.kernels import BoxedTable, box_table, fixed_signature_kernel, kernel
+from msg_bridge.kernels import BoxedTable, box_table, kernel
 
 __all__ = ["ASLEEP_ON_MAP", "AWAKE", "ParticleError", "ParticleState"]
 
@@ -25,6 +30,7 @@ ASLEEP_ON_MAP = 1
 
 _DUPLICATE_ID, _UNKNOWN_ID = 1, 2
 _INITIAL_CAPACITY = 1024
+_NO_ROWS = np.zeros(0, np.int64)
 
 
 class ParticleError(EarthmovingError):
@@ -32,7 +38,7 @@ class ParticleError(EarthmovingError):
 
 
 class ParticleState:
-    """Struct of arrays; each attribute is a view of the rows in use.
+    """Struct of arrays; each attribute is a view of the rows in use, made when it is first read.
 
     Attributes:
         position: centres [m], map frame, shape (n, 3), float64.
@@ -62,11 +68,12 @@ class ParticleState:
         sleep_timer: time for which it has hardly moved [s].
         pair_list_row, plate_list_row: its row in the pair list and in the plate list of the last
             step, -1 if it is not listed.
-        columns, boxed: the columns above as a table for kernels, as such and boxed; replaced where
+        boxed: the columns above as a table for kernels, boxed; it remains the same table where
             particles are added, removed or reordered.
         count: number of particles.
         capacity: maximum number of particles.
         next_id: id of the next particle.
+        total_volume_mm3: bank volume of all particles [mm^3], frozen ones included, exact.
     """
 
     position: NDArray[np.float64]
@@ -96,21 +103,31 @@ class ParticleState:
     ground_overlap: NDArray[np.float32]
     pair_list_row: NDArray[np.int32]
     plate_list_row: NDArray[np.int32]
-    columns: ParticleColumns
     boxed: BoxedTable
+    total_volume_mm3: int
 
     def __init__(self, capacity: int) -> None:
         self.capacity = capacity
         self.count = 0
         self.next_id = 1
-        self._set_columns(allocate_columns(min(capacity, _INITIAL_CAPACITY)))
         self._rows_by_id: NDArray[np.intp] | None = None
-        self._update_views()
+        self._made_when_read: list[str] = []
+        self._set_columns(allocate_columns(min(capacity, _INITIAL_CAPACITY)))
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle what the other attributes are made from."""
+        names = ("capacity", "count", "next_id", "_rows_by_id", "_columns")
+        return {name: getattr(self, name) for name in names}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the state that was pickled."""
+        vars(self).update(state, _made_when_read=[])
+        self._set_columns(self._columns)
 
     @property
-    def total_volume_mm3(self) -> int:
-        """Bank volume of all particles [mm^3], frozen ones included, exact."""
-        return int(self.volume_mm3.sum())
+    def columns(self) -> ParticleColumns:
+        """The columns as a table."""
+        return ParticleColumns(*(getattr(self, name) for name in ParticleColumns._fields))
 
     def add(self, count: int, **columns: ArrayLike) -> NDArray[np.uint32]:
         """Append particles; columns that are not given are zero.
@@ -171,13 +188,13 @@ class ParticleState:
         Returns:
             Former rows of the remaining particles, ascending.
         """
-        kept: NDArray[np.intp] = _other_rows(rows, self.count)
-        _move_rows_down(kept, self._scalar_columns, self._vector_columns)
+        kept = np.empty(self.count, np.intp)
+        order = _NO_ROWS if self._rows_by_id is None else self._rows_by_id
+        self.count = remove_rows(rows, self.count, self._boxed_columns, self.boxed, order, kept)
         if self._rows_by_id is not None:
-            self._rows_by_id = _keep_in_order(self._rows_by_id, kept)
-        self.count = kept.size
-        self._update_views()
-        return kept
+            self._rows_by_id = order[: self.count]
+        self._drop_views()
+        return kept[: self.count]
 
     def renumber(self, ids: NDArray[np.uint32], next_id: int) -> None:
         """Give all particles other ids, shape (n,), and the next one that is added `next_id`."""
@@ -202,15 +219,50 @@ class ParticleState:
 
     def _set_columns(self, columns: dict[str, NDArray[Any]]) -> None:
         self._columns = columns
-        self._scalar_columns = tuple(each for each in columns.values() if each.ndim == 1)
-        self._vector_columns = tuple(each for each in columns.values() if each.ndim == 2)
+        table = ParticleColumns(**columns)
+        self._boxed_columns = box_table(table)
+        if "boxed" not in vars(self):
+            self.boxed = box_table(table)
+        self._update_views()
 
     def _update_views(self) -> None:
-        """Make the attributes views of the rows in use."""
-        views = {name: column[: self.count] for name, column in self._columns.items()}
-        vars(self).update(views)
-        self.columns = ParticleColumns(**views)
-        self.boxed = box_table(self.columns)
+        """Make the table for kernels one of the rows in use, and the attributes views of these."""
+        view_rows(self.count, self._boxed_columns, self.boxed)
+        self._drop_views()
+
+    def _drop_views(self) -> None:
+        """Discard the attributes that are made of the rows in use when they are first read."""
+        for name in self._made_when_read:
+            delattr(self, name)
+        self._made_when_read.clear()
+
+
+class _RowView:
+    """Attribute that is made when it is first read: a view of the rows in use of a column."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, state: ParticleState, owner: type) -> NDArray[Any]:
+        view: NDArray[Any] = state._columns[self._name][: state.count]
+        vars(state)[self._name] = view
+        state._made_when_read.append(self._name)
+        return view
+
+
+class _TotalVolume:
+    """Attribute that is made when it is first read: the volume of all particles."""
+
+    def __get__(self, state: ParticleState, owner: type) -> int:
+        total = int(state.volume_mm3.sum())
+        state.total_volume_mm3 = total
+        state._made_when_read.append("total_volume_mm3")
+        return total
+
+
+for _name in COLUMN_TYPES:
+    setattr(ParticleState, _name, _RowView(_name))
+ParticleState.total_volume_mm3 = _TotalVolume()  # type: ignore[assignment]
 
 
 @kernel
@@ -242,48 +294,3 @@ def _find_rows(ids, particle_id, order, rows):  # type: ignore[no-untyped-def]
         is_found[low] = True
         rows[k] = order[low]
     return 0
-
-
-@kernel
-def _other_rows(rows, count):  # type: ignore[no-untyped-def]
-    """Return the rows, of `count`, that are not in `rows`, ascending."""
-    keep = np.ones(count, np.bool_)
-    for i in rows:
-        keep[i] = False
-    return np.flatnonzero(keep)
-
-
-@fixed_signature_kernel
-def _move_rows_down(kept, scalar_columns, vector_columns):  # type: ignore[no-untyped-def]
-    """Make row `kept[k]` row k of every column, in place.
-
-    Args:
-        kept: rows, ascending.
-        scalar_columns, vector_columns: tuples of columns of shape (n,) and (n, 3).
-    """
-    for scalars in literal_unroll(scalar_columns):
-        for k in range(kept.size):
-            scalars[k] = scalars[kept[k]]
-    for vectors in literal_unroll(vector_columns):
-        for k in range(kept.size):
-            for axis in range(3):
-                vectors[k, axis] = vectors[kept[k], axis]
-
-
-@kernel
-def _keep_in_order(order, kept):  # type: ignore[no-untyped-def]
-    """Return an order of rows without those that were removed.
-
-    Args:
-        order: all rows, in some order.
-        kept: former numbers of the rows that are left, ascending; row k is `kept[k]` now.
-    """
-    new_row = np.full(order.size, -1, np.int64)
-    for k in range(kept.size):
-        new_row[kept[k]] = k
-    new_order, count = np.empty(kept.size, np.int64), 0
-    for i in order:
-        if new_row[i] >= 0:
-            new_order[count] = new_row[i]
-            count += 1
-    return new_order

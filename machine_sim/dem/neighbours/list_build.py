@@ -11,15 +11,14 @@ import numpy as np
 
 from machine_sim.dem.neighbours.cell_grid import rows_in_box, sort_into_cells
 from machine_sim.dem.neighbours.history_transfer import transfer_history
-from machine_sim.dem.neighbours.pair_search import SearchParticles, find_pairs
+from machine_sim.dem.neighbours.pair_search import SearchParticles, find_pairs, mark_active
 from machine_sim.dem.neighbours.skin_widths import (
     compute_skin_widths,
     predict_contact_radii,
 )
-from machine_sim.dem.state import AWAKE
-from msg_bridge.kernels import helper, kernel, threaded_stages
+from msg_bridge.kernels import helper, threaded_stages
 
-__all__ = ["ListLimits", "active_rows", "build_list"]
+__all__ = ["ListLimits", "build_list"]
 
 
 class ListLimits(NamedTuple):
@@ -76,7 +75,7 @@ def build_list(  # type: ignore[no-untyped-def]
         max_travel, limits.max_fast_outliers, listed.skin_width,
     )  # fmt: skip
     cell_size = 2.0 * listed.predicted_radius.max() + 2.0 * max_skin_width
-    active[:] = active_rows(particles.sleep_state, particles.frozen)
+    mark_active(particles, active)
     sparse = active.sum() * 2 < count
     rows = rows_in_box(position, tracked_rows, cell_size) if sparse else np.arange(count)
     rows = _without(fast_outliers, rows, count)
@@ -92,15 +91,6 @@ def build_list(  # type: ignore[no-untyped-def]
             old, old_count, particles.pair_list_row, active, new, num_pairs, begin, end
         )
     return num_pairs, num_asleep, sparse, fast_outliers.size, slabs
-
-
-@kernel
-def active_rows(sleep_state, frozen):  # type: ignore[no-untyped-def]
-    """Return whether each row moves by forces, shape (n,); two that do not are no pair."""
-    active = np.empty(frozen.size, np.bool_)
-    for i in range(frozen.size):
-        active[i] = sleep_state[i] == AWAKE and not frozen[i]
-    return active
 
 
 @helper(allocates=True)

@@ -21,9 +21,10 @@ from machine_sim.dem.neighbours.neighbourhood import (
     mark_neighbours,
 )
 from machine_sim.dem.partition import NUM_CHUNKS
+from machine_sim.dem.state import AWAKE
 from msg_bridge.kernels import helper, threaded_kernel
 
-__all__ = ["SearchParticles", "find_pairs"]
+__all__ = ["SearchParticles", "find_pairs", "mark_active"]
 
 _NUM_STRIPS = 5
 """Strips of three cells along z: half of the 27 cells about a cell, in the order of cells; those of
@@ -42,6 +43,14 @@ class SearchParticles(NamedTuple):
     position: NDArray[np.float64]
     reach: NDArray[np.float64]
     active: NDArray[np.bool_]
+
+
+@helper
+def mark_active(particles, active):  # type: ignore[no-untyped-def]
+    """Mark the particles of a `ParticleColumns` that move by forces."""
+    sleep_state, frozen = particles.sleep_state, particles.frozen
+    for i in range(active.size):
+        active[i] = sleep_state[i] == AWAKE and not frozen[i]
 
 
 @threaded_kernel

@@ -17,25 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem.lifecycle.growth import growth_per_step
-from machine_sim.dem.neighbours.list_build import (
-    ListLimits,
-    active_rows,
-    build_list,
-)
-from machine_sim.dem.neighbours.pair_search import SearchParticles
+from machine_sim.dem.neighbours.list_build import ListLimits, build_list
 from machine_sim.dem.neighbours.pair_table import PairTable
-from machine_sim.dem.neighbours.pair_updates import (
-    insert_rows,
-    keep_listed,
-    mean_displacement,
-    remove_pairs,
-)
+from machine_sim.dem.neighbours.pair_updates import insert_rows, remove_rows
 from machine_sim.dem.neighbours.skin_widths import (
-    ACCELERATION_MARGIN,
     LIST_LIFETIME_STEPS,
     GrowthPrediction,
     ListedParticles,
-    predict_contact_radii,
 )
 from machine_sim.dem.neighbours.spring_history import SpringHistory
 from machine_sim.dem.params import ParticleParams
@@ -100,12 +88,13 @@ class VerletList:
         if self.is_stale or self.pairs.is_partitioned:
             self.is_stale = True
             return
-        pairs, kept = self.pairs, kept[kept < self.num_listed]
-        pairs.set_pairs(remove_pairs(kept, self.num_listed, pairs.arrays, pairs.count))
-        active, listed = np.empty(kept.size, np.bool_), ListedParticles.empty(kept.size)
-        keep_listed(kept, self._active, self.listed, active, listed)
-        self._active, self.listed = active, listed
-        state.pair_list_row[: kept.size] = np.arange(kept.size, dtype=np.int32)
+        pairs, listed = self.pairs, self.listed
+        num_pairs, count = remove_rows(
+            kept, pairs.boxed, pairs.count, listed, self._active, state.boxed
+        )
+        pairs.set_pairs(num_pairs)
+        self.listed = ListedParticles(*(column[:count] for column in listed))
+        self._active = self._active[:count]
 
     def insert(self, state: ParticleState, tracked_rows: NDArray[np.int64], dt: float) -> None:
         """List the particles that were added to the state, after those listed already.
@@ -115,34 +104,18 @@ class VerletList:
             tracked_rows: see `build`.
             dt: length of the next steps [s].
         """
-        num_listed, count, pairs = self.num_listed, state.count, self.pairs
-        active = active_rows(state.sleep_state, state.frozen)
-        listed_rows = tracked_rows[tracked_rows < num_listed]
-        displacement, velocity = np.zeros(3), np.zeros(3)
-        if tracked_rows.size == count and listed_rows.size:
-            displacement = mean_displacement(listed_rows, state.position, self.listed.position)
-            velocity = state.velocity[listed_rows].mean(0)
-        speed = np.linalg.norm(state.velocity[num_listed:] - velocity, axis=1)
-        travel = ACCELERATION_MARGIN * dt * LIST_LIFETIME_STEPS * speed
-        added = ListedParticles(
-            state.position[num_listed:] - displacement,
-            self._base_skin_width(state) + travel,
-            self._predict_radii(state, dt)[num_listed:],
-        )
-        self.listed = ListedParticles(
-            *(np.concatenate(columns) for columns in zip(self.listed, added, strict=True))
-        )
-        self._active = np.concatenate([self._active, active[num_listed:]])
-        listed = self.listed
-        particles = SearchParticles(
-            listed.position, listed.predicted_radius + listed.skin_width, active
-        )
-        num_pairs = insert_rows(num_listed, particles, pairs.arrays, pairs.count)
+        pairs, old, old_active = self.pairs, self.listed, self._active
+        self.listed = ListedParticles.empty(state.count)
+        self._active = np.empty(state.count, np.bool_)
+        num_pairs = insert_rows(
+            dt, self._base_skin_width(state), self._predict_growth(dt, LIST_LIFETIME_STEPS),
+            tracked_rows, state.boxed, pairs.boxed, pairs.count, old, old_active, self.listed,
+            self._active,
+        )  # fmt: skip
         if num_pairs < 0:
             self.build(state, tracked_rows, dt)
             return
         pairs.set_pairs(num_pairs)
-        state.pair_list_row[num_listed:] = np.arange(num_listed, count, dtype=np.int32)
 
     def num_valid(self, count: int) -> int:
         """Return the number of listed rows, or -1 if the list must be rebuilt for `count` rows.
@@ -166,13 +139,6 @@ class VerletList:
         params = self._params
         increase = num_steps * growth_per_step(dt, params)
         return GrowthPrediction(params.release_radius_fraction, increase)
-
-    def _predict_radii(self, state: ParticleState, dt: float) -> NDArray[np.float64]:
-        """Return the predicted contact radii of a list that is made now [m], shape (n,)."""
-        predicted_radius = np.empty(state.count)
-        growth = self._predict_growth(dt, LIST_LIFETIME_STEPS)
-        predict_contact_radii(state.contact_radius, state.radius, growth, predicted_radius)
-        return predicted_radius
 
     def build(self, state: ParticleState, tracked_rows: NDArray[np.int64], dt: float) -> None:
         """Rebuild the list for steps of `dt` [s]; the contact history is carried over.

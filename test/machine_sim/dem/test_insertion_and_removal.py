@@ -1,4 +1,7 @@
-"""Particles and tools that are added and removed while all move: no mix-up, no loss of volume."""
+"""Particles and tools that are added and removed while all move: no mix-up, no loss of volume.
+
+One of two equal scenes is saved and loaded now and then.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from numpy.typing import NDArray
 from support.particle_scenes import LITRE, STEP, box, engine, pose
 
 from machine_sim.dem import ParticleEngine, Pose
+from msg_bridge.checkpoint.state_pickle import dump_state, load_state
 
 STEPS = 160
 
@@ -83,6 +87,8 @@ def test_ids_volume_and_repeatability_under_random_changes(seed: int) -> None:
     for k in range(STEPS):
         scene.step(k)
         twin.step(k)
+        if k % 50 == 30:
+            twin.world = load_state(dump_state(twin.world))
         assert all(np.isfinite(array).all() for array in motion(world)), k
         for tool in scene.tools:
             assert np.isfinite(np.concatenate(world.tool_wrench(tool))).all(), k
