@@ -13,11 +13,12 @@ from machine_sim.dem.invalidation import Change
 from machine_sim.dem.neighbours.verlet_list import VerletList
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.sleep.sleep_manager import SleepManager
-from machine_sim.dem.sleep.sleep_state import AWAKE
+from machine_sim.dem.sleep.sleep_state import AWAKE, wake_rows
+from machine_sim.dem.sleep.wake_conditions import WAKE_SPHERE_SIZE
 from machine_sim.dem.soil_engine import SoilEngine, read_only
 from machine_sim.dem.state import ParticleError
 from machine_sim.dem.tools.rigid_tool import RigidTool
-from machine_sim.dem.tools.tool_set import ToolSet
+from machine_sim.dem.tools.tool_set import SPHERE_RADIUS, ToolSet
 from machine_sim.ground.contact_surface import Ground
 from msg_bridge.contract.constants import MOISTURE_LEVELS
 from msg_bridge.contract.loose_soil import LooseSoil
@@ -122,7 +123,7 @@ class ParticleEngine(SoilEngine):
     def freeze(self, ids: ArrayLike) -> None:
         """Fix particles where they are; see `SoilEngine.freeze`."""
         rows = self.state.rows(ids)
-        self._sleep_manager.wake_rows(self.state, rows)
+        wake_rows(rows, self.state.boxed)
         self._freeze_rows(rows)
         self._dynamics.invalidate(Change.PARTICLES_FROZEN)
 
@@ -142,18 +143,21 @@ class ParticleEngine(SoilEngine):
         """
         self._wake_rows(self.state.rows(ids))
 
-    def _wake_rows(self, rows: NDArray[np.integer]) -> None:
-        self._sleep_manager.wake_rows(self.state, rows)
+    def _wake_rows(self, rows: NDArray[np.intp]) -> None:
+        wake_rows(rows, self.state.boxed)
         self._dynamics.invalidate(Change.PARTICLES_WOKEN)
 
     def _wake_near_rows(self, rows: NDArray[np.intp]) -> None:
         """Wake the particles next to some that change: their support may be gone."""
-        reach = _WAKE_REACH * self.state.radius[rows].astype(np.float64)
-        self.wake_in_spheres(self.state.position[rows], reach)
+        state = self.state
+        reach = _WAKE_REACH * state.radius[rows].astype(np.float64)
+        self.wake_in_spheres(state.position[rows], reach)
 
     def wake_in_spheres(self, centres: NDArray[np.float64], radii: NDArray[np.float64]) -> None:
         """Wake the particles that reach into spheres in the next step; [m], shapes (n, 3), (n,)."""
-        self._sleep_manager.request_wake(np.column_stack([centres, radii]))
+        spheres = np.empty((len(radii), WAKE_SPHERE_SIZE))
+        spheres[:, :SPHERE_RADIUS], spheres[:, SPHERE_RADIUS] = centres, radii
+        self._sleep_manager.request_wake(spheres)
 
     def sort_rows(self) -> None:
         """Sort the rows so that neighbours in space are neighbours in memory."""

@@ -37,6 +37,7 @@ def _run_scene(threads: int) -> None:
         engine.step(_STEP)
         engine.settled()
     engine.sort_rows()
+    engine.freeze(ids[:1])
     engine.remove(ids[:1])
     engine.step(_STEP)
     # A particle that is too fast for the cells of the neighbour list.

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.dem.contacts.plate_contacts import MIN_PLATE_RADIUS_FRACTION
 from machine_sim.dem.lifecycle.release_validation import ReleaseBatch, validate_release
-from machine_sim.dem.lifecycle.settling import settled_ids
+from machine_sim.dem.lifecycle.settling import freeze_rows, settled_ids
 from machine_sim.dem.materials import ContactCoefficients, ContactMaterials
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.state import ParticleError, ParticleState
@@ -135,11 +135,7 @@ class SoilEngine(ABC):
         """
 
     def _freeze_rows(self, rows: NDArray[np.intp]) -> None:
-        state = self.state
-        state.frozen[rows] = True
-        state.inverse_mass[rows] = 0.0
-        state.velocity[rows] = 0.0
-        state.angular_velocity[rows] = 0.0
+        freeze_rows(rows, self.state.boxed)
 
     def _unfreeze_rows(self, rows: NDArray[np.intp]) -> None:
         state = self.state

@@ -45,6 +45,7 @@ class Ground:
 
     Attributes:
         grid: position of each height.
+        half_size: half the extent of the map along x and y [m].
         elevation: the soil's surface [m], shape (rows, cols), float64.
         surface: contact surface [m], same shape; equal to `elevation` except where it still rises.
         rut_depth: depth by which soil was pressed down [m], same shape, float64.
@@ -76,6 +77,8 @@ class Ground:
         self.grid = grid
         # A plain tuple: Numba resolves the type of a named one in Python at every call.
         self.frame: tuple[float, float, float] = (grid.x_first, grid.y_first, 1.0 / grid.cell)
+        size_x, size_y = grid.size
+        self.half_size = 0.5 * size_x, 0.5 * size_y
         self.soils = tuple(soils)
         zeros = np.zeros(grid.shape, dtype=np.uint8)
         self.soil: NDArray[np.uint8] = self._check_soil_ids(zeros if soil is None else soil).copy()

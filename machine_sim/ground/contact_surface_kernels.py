@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from msg_bridge.kernels import kernel
+from msg_bridge.kernels import fixed_signature_kernel, kernel
 
 __all__ = ["raise_surface", "set_cells", "surface_at"]
 
@@ -38,7 +38,7 @@ def surface_at(surface, x_first, y_first, inverse_cell, x, y):  # type: ignore[n
     return height, slope_x, slope_y
 
 
-@kernel
+@fixed_signature_kernel
 def set_cells(  # type: ignore[no-untyped-def]
     cells,
     heights,
@@ -91,7 +91,7 @@ def set_cells(  # type: ignore[no-untyped-def]
     return still_rising[:count].copy()
 
 
-@kernel
+@fixed_signature_kernel
 def raise_surface(  # type: ignore[no-untyped-def]
     rising, step, elevation, surface, rut_depth, undisturbed_surface, changed, is_rising
 ):

@@ -14,7 +14,7 @@ from machine_sim.dem.tools.tool_set import SPHERE_CENTRE, SPHERE_RADIUS, ToolSet
 from machine_sim.ground.contact_surface import Ground
 from msg_bridge.kernels import fixed_signature_kernel, helper, kernel
 
-__all__ = ["distance_to_plates", "settled_ids"]
+__all__ = ["distance_to_plates", "freeze_rows", "settled_ids"]
 
 
 def settled_ids(
@@ -26,34 +26,43 @@ def settled_ids(
     tool: outside its convex hull, and farther than `tool_clearance` from its plates. A particle off
     the map is settled at once. Frozen particles are excluded: their deposit is requested already.
     """
-    size_x, size_y = ground.grid.size
     ids = np.empty(state.count, np.uint32)
     count = _list_settled_ids(
-        state.boxed, 0.5 * size_x, 0.5 * size_y,
-        np.float32(params.settle_time), tools.boxed_motion, tools.end_poses,
+        state.boxed, *ground.half_size, params.settle_time, tools.boxed_motion,
         params.tool_clearance, ids,
     )  # fmt: skip
     return ids[:count]
 
 
 @fixed_signature_kernel
+def freeze_rows(rows, boxed_particles):  # type: ignore[no-untyped-def]
+    """Fix rows of a `ParticleColumns` whose deposit is requested, at rest where they are."""
+    particles = boxed_particles.table
+    for i in rows:
+        particles.frozen[i] = True
+        particles.inverse_mass[i] = np.float32(0.0)
+        for axis in range(3):
+            particles.velocity[i, axis] = 0.0
+            particles.angular_velocity[i, axis] = np.float32(0.0)
+
+
+@fixed_signature_kernel
 def _list_settled_ids(  # type: ignore[no-untyped-def]
-    boxed_particles, half_x, half_y, settle_time, boxed_tools, poses, clearance, settled
+    boxed_particles, half_x, half_y, min_time, boxed_tools, clearance, settled
 ):
     """List the ids of settled particles, ascending, and return their number.
 
     Args:
         boxed_particles: `ParticleColumns`, boxed.
         half_x, half_y: half the extent of the map [m].
-        settle_time: [s], float32.
+        min_time: time for which a particle must have been slow on the ground [s].
         boxed_tools: `ToolMotion`, boxed.
-        poses: packed poses of the tools, shape (tools, POSE_SIZE).
         clearance: minimum gap to the plates of a tool [m].
         settled: out, ids, with room for all particles.
     """
     particles, tools = boxed_particles.table, boxed_tools.table
     position, frozen, ids = particles.position, particles.frozen, particles.particle_id
-    count = 0
+    poses, settle_time, count = tools.poses[1], np.float32(min_time), 0
     for i in range(frozen.size):
         is_on_map = abs(position[i, 0]) <= half_x and abs(position[i, 1]) <= half_y
         if frozen[i] or (is_on_map and particles.settle_timer[i] < settle_time):

@@ -38,8 +38,8 @@ class ListLimits(NamedTuple):
 
 @threaded_stages
 def build_list(  # type: ignore[no-untyped-def]
-    dt, limits, growth, tracked_rows, boxed_particles, boxed_old, old_count, boxed_new, begin, end,
-    active, listed,
+    dt, limits, growth, tracked_rows, boxed_particles, boxed_old, old_count, boxed_new, active,
+    listed,
 ):  # fmt: skip
     """Fill a pair table, and carry the contact history over from the previous one.
 
@@ -52,7 +52,6 @@ def build_list(  # type: ignore[no-untyped-def]
         boxed_old, old_count: `ListedPairs` of the previous table, boxed, and number of its pairs;
             see `transfer_history`.
         boxed_new: `ListedPairs` of the new table, boxed; the pairs are filled.
-        begin, end: out, ranges of the new pairs of each row, zeros.
         active: out, whether each row is active.
         listed: out, `ListedParticles`.
 
@@ -64,6 +63,7 @@ def build_list(  # type: ignore[no-untyped-def]
     """
     particles, old, new = boxed_particles.table, boxed_old.table.arrays, boxed_new.table.arrays
     position, count = particles.position, particles.radius.size
+    begin, end = np.zeros(count, np.int64), np.zeros(count, np.int64)  # pairs of each row
     listed.position[:] = position
     listed.skin_width[:] = 0.0
     predict_contact_radii(

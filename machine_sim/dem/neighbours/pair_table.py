@@ -39,33 +39,23 @@ class PairTable:
             (capacity,).
         spring: elongation of the tangential spring, map axes [m], float32, shape (capacity, 3).
         arrays: the four above, for kernels.
-        begin, end: range of the pairs whose `first` is a given row, int64, shape (rows,).
         bounds: first pair of each part of the list and the end, see `partition.partition_pairs`.
         boxed: `ListedPairs`, boxed.
         count: number of pairs.
     """
 
-    def __init__(self, capacity: int, rows: int) -> None:
+    def __init__(self, capacity: int) -> None:
         self.first = np.zeros(capacity, np.uint32)
         self.second = np.zeros(capacity, np.uint32)
         self.contact_flag = np.zeros(capacity, np.uint8)
         self.spring = np.zeros((capacity, 3), np.float32)
         self.arrays = PairArrays(self.first, self.second, self.contact_flag, self.spring)
-        self.begin = np.zeros(rows, np.int64)
-        self.end = np.zeros(rows, np.int64)
         self.count = 0
         self._allocate_bounds(2)
 
     def _allocate_bounds(self, size: int) -> None:
         self.bounds = np.zeros(size, np.int64)
         self.boxed: BoxedTable = box_table(ListedPairs(self.arrays, self.bounds))
-
-    def clear_rows(self, count: int) -> None:
-        """Clear the ranges of a number of rows."""
-        if len(self.begin) < count:
-            capacity = max(count, 2 * len(self.begin))
-            self.begin, self.end = np.zeros(capacity, np.int64), np.zeros(capacity, np.int64)
-        self.begin[:count] = self.end[:count] = 0
 
     def set_pairs(self, count: int, bounds: Sequence[int] | None = None) -> None:
         """Set the number of pairs, and the bounds of the parts of the list if it has several."""

@@ -59,11 +59,12 @@ class VerletList:
 
     def __init__(self, params: ParticleParams) -> None:
         self._params = params
-        self.pairs = PairTable(4096, 0)
-        self._spare = PairTable(4096, 0)
+        self.pairs = PairTable(4096)
+        self._spare = PairTable(4096)
         self.spring_history = SpringHistory()
         self._active = np.zeros(0, np.bool_)
         self.listed = ListedParticles.empty(0)
+        self._row_numbers = np.zeros(0, np.int32)
         self.is_stale = True
         self.num_builds = 0
         self.builds_since_sort = 0
@@ -154,9 +155,11 @@ class VerletList:
         )  # fmt: skip
         growth = self._predict_growth(dt, LIST_LIFETIME_STEPS)
         while not self._fill_spare(state, tracked_rows, dt, limits, growth):
-            self._spare = PairTable(2 * len(self._spare.first), 0)
+            self._spare = PairTable(2 * len(self._spare.first))
         self.pairs, self._spare = self._spare, self.pairs
-        state.pair_list_row[:] = np.arange(state.count, dtype=np.int32)
+        if len(self._row_numbers) < state.count:
+            self._row_numbers = np.arange(2 * state.count, dtype=np.int32)
+        state.pair_list_row[:] = self._row_numbers[: state.count]
         self.num_builds += 1
         self.is_stale = False
 
@@ -176,11 +179,10 @@ class VerletList:
     ) -> bool:
         """Fill the spare table; return False where it is too small."""
         old, new = self.pairs, self._spare
-        new.clear_rows(state.count)
         active, listed = np.empty(state.count, np.bool_), ListedParticles.empty(state.count)
         num_pairs, num_asleep, sparse, num_outliers, slabs = build_list.for_threads(self.threads)(
             dt, limits, growth, tracked_rows, state.boxed, old.boxed,
-            old.count, new.boxed, new.begin, new.end, active, listed,
+            old.count, new.boxed, active, listed,
         )  # fmt: skip
         if num_pairs < 0:
             return False

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem.sleep.apparent_gravity import ApparentGravity
-from machine_sim.dem.sleep.sleep_state import AWAKE, locked_tool
+from machine_sim.dem.sleep.sleep_state import locked_tool
 from machine_sim.dem.sleep.wake_conditions import WAKE_SPHERE_SIZE
 from machine_sim.dem.state import ParticleState
 from machine_sim.dem.tools.rigid_tool import RigidTool
@@ -49,7 +49,7 @@ class SleepManager:
             spheres: centre and radius [m], map frame, shape (n, WAKE_SPHERE_SIZE).
         """
         if len(spheres):
-            self._wake_spheres.append(np.asarray(spheres, dtype=np.float64))
+            self._wake_spheres.append(spheres)
 
     def pop_wake_spheres(self) -> NDArray[np.float64]:
         """Return the spheres of `request_wake` since the last call, shape (n, WAKE_SPHERE_SIZE)."""
@@ -58,13 +58,6 @@ class SleepManager:
         spheres = np.concatenate(self._wake_spheres)
         self._wake_spheres.clear()
         return spheres
-
-    @staticmethod
-    def wake_rows(state: ParticleState, rows: NDArray[np.integer]) -> None:
-        """Wake particles; they keep the velocity of their carrier."""
-        state.sleep_state[rows] = AWAKE
-        state.sleep_timer[rows] = 0.0
-        state.wake_reference[rows] = state.position[rows]
 
     @staticmethod
     def set_locked_positions(state: ParticleState, tools: ToolSet, rows: NDArray[np.int64]) -> None:

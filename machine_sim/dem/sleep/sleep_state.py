@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from machine_sim.dem.params import ParticleParams
 from machine_sim.dem.state import ASLEEP_ON_MAP, AWAKE
-from msg_bridge.kernels import helper
+from msg_bridge.kernels import fixed_signature_kernel, helper
 
 __all__ = [
     "ASLEEP_ON_MAP",
@@ -23,6 +23,7 @@ __all__ = [
     "locked_tool",
     "select_moving_rows",
     "wake",
+    "wake_rows",
 ]
 
 FIRST_LOCKED_TOOL = 2
@@ -101,6 +102,13 @@ def wake(row, particles):  # type: ignore[no-untyped-def]
     particles.sleep_timer[row] = np.float32(0.0)
     for axis in range(3):
         particles.wake_reference[row, axis] = particles.position[row, axis]
+
+
+@fixed_signature_kernel
+def wake_rows(rows, boxed_particles):  # type: ignore[no-untyped-def]
+    """Wake rows of a `ParticleColumns`; they keep the velocity of their carrier."""
+    for i in rows:
+        wake(i, boxed_particles.table)
 
 
 @helper

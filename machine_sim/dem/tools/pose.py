@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem.state import ParticleError
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper, kernel
 
 __all__ = [
     "ANGULAR",
@@ -71,20 +71,20 @@ Pose = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Pose of a tool frame in the map frame: its axes as columns, (3, 3), and its origin [m], (3,)."""
 
 
-def pack_motion(
-    start: Pose, end: Pose, start_record: NDArray[np.float64], end_record: NDArray[np.float64]
-) -> None:
+def pack_motion(start: Pose, end: Pose, records: NDArray[np.float64]) -> None:
     """Write two poses, between which a tool can move in a step, into records.
 
     Args:
         start, end: the poses.
-        start_record, end_record: out, packed poses, shape (POSE_SIZE,) each.
+        records: out, packed poses, shape (2, POSE_SIZE).
 
     Raises:
         ParticleError: wrong shapes, values that are not finite, a matrix that is no rotation, or a
             rotation by 90 degrees or more; nothing was written.
     """
-    _raise_error(_pack_motion(*_as_arrays(start), *_as_arrays(end), start_record, end_record))
+    error = _pack_motion(*_as_arrays(start), *_as_arrays(end), records[0], records[1])
+    if error:
+        raise ParticleError(_ERRORS[error])
 
 
 def unpack_pose(record: NDArray[np.float64]) -> Pose:
@@ -98,8 +98,8 @@ def _as_arrays(pose: Pose) -> Pose:
     Raises:
         ParticleError: wrong shapes.
     """
-    rotation = np.asarray(pose[0], dtype=np.float64, order="C")
-    position = np.asarray(pose[1], dtype=np.float64, order="C")
+    rotation = np.asarray(pose[0], np.float64, "C")
+    position = np.asarray(pose[1], np.float64, "C")
     if rotation.shape != (3, 3) or position.shape != (3,):
         raise ParticleError(
             f"a pose is a 3 x 3 rotation and a position of 3 coordinates, not {rotation.shape} and"
@@ -108,17 +108,7 @@ def _as_arrays(pose: Pose) -> Pose:
     return rotation, position
 
 
-def _raise_error(error: int) -> None:
-    """Raise the error of a code; 0 is none.
-
-    Raises:
-        ParticleError: the code is not 0.
-    """
-    if error:
-        raise ParticleError(_ERRORS[error])
-
-
-@kernel
+@fixed_signature_kernel
 def _pack_motion(start, start_position, end, end_position, start_record, end_record):  # type: ignore[no-untyped-def]
     """Pack the poses of a motion, or return its error code; 0 if it is valid."""
     error = max(_pose_error(start, start_position), _pose_error(end, end_position))

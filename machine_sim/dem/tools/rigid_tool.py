@@ -55,7 +55,7 @@ class RigidTool:
         self.is_digging = is_digging
         self.pushes_ground = is_digging and not is_milling
         self.records = np.empty((2, POSE_SIZE))
-        pack_motion(pose, pose, *self.records)
+        pack_motion(pose, pose, self.records)
 
     def move(self, start: Pose, end: Pose) -> None:
         """Set the motion of the next step.
@@ -63,7 +63,7 @@ class RigidTool:
         Raises:
             ParticleError: an invalid pose, or a rotation by 90 degrees or more; nothing was set.
         """
-        pack_motion(start, end, *self.records)
+        pack_motion(start, end, self.records)
 
     @property
     def start(self) -> Pose:

@@ -141,12 +141,6 @@ class ToolSet:
             return
         _begin_step(dt, self.boxed_motion)
 
-    @property
-    def end_poses(self) -> NDArray[np.float64]:
-        """Packed end poses of all tools, shape (tools, POSE_SIZE)."""
-        end: NDArray[np.float64] = self.poses[1]
-        return end
-
     def end_step(self) -> None:
         """Leave the tools at their end poses until they are moved again."""
         _end_step(self.boxed_motion)

@@ -35,7 +35,7 @@ def random_pairs(count: int, rows: int) -> NDArray[np.int64]:
 
 
 def table_of(pairs: NDArray[np.int64], spring: NDArray[np.float32], contact_flag: int) -> PairTable:
-    table = PairTable(len(pairs) + 1, 0)
+    table = PairTable(len(pairs) + 1)
     table.count = len(pairs)
     table.first[:-1], table.second[:-1] = pairs.T
     table.spring[:-1], table.contact_flag[:-1] = spring, contact_flag
