@@ -71,7 +71,7 @@ class World:
             for machine_id, machine in self.machines.items()
         }
         self._transport = DirectTransport(
-            self._soil_endpoint, list(self._machine_endpoints.values())
+            self._soil_endpoint.exchange, list(self._machine_endpoints.values())
         )
         for endpoint in self._machine_endpoints.values():
             endpoint.join()

@@ -203,7 +203,7 @@ class SoilEndpoint:
             if merged.number in self._tool_positions:
                 self._tool_positions[merged.target] = self._tool_positions.pop(merged.number)
         accounts = self.exchange.accounts.account_numbers
-        if accounts == self._account_numbers:  # as in most ticks
+        if accounts is self._account_numbers:  # as in most ticks
             return
         self._account_numbers = accounts
         self._inventory.retain(accounts)

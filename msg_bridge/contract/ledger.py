@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from msg_bridge.contract.quick_init import quick_init
+
 __all__ = ["Ledger"]
 
 
+@quick_init
 @dataclass(frozen=True)
 class Ledger:
     """A consistent cut through all accounts, each counted by its own holder [mm^3 bank].

@@ -17,11 +17,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
+from msg_bridge.contract.quick_init import quick_init
 from msg_bridge.contract.rows import CONVERSION, DEPOSIT_REQUEST, FORCE, MAP_UPDATE, SWEEP, Rows
 
 __all__ = [
@@ -31,6 +33,7 @@ __all__ = [
     "MachineHeader",
     "MachineReceipt",
     "Message",
+    "NumberedRows",
     "RetransmitRequest",
     "RowChunk",
     "RowRange",
@@ -81,6 +84,7 @@ STREAM_DTYPE: dict[Stream, np.dtype[np.void]] = {
 """Row type of each stream of rows."""
 
 
+@quick_init
 @dataclass(frozen=True)
 class RowRange:
     """`count` rows of a stream, from sequence number `first` on.
@@ -101,6 +105,26 @@ class RowRange:
         return self.first + self.count - 1
 
 
+class NumberedRows(NamedTuple):
+    """Rows as they are sent, with what is known of them.
+
+    A receiver in the process of the sender gets this object with the rows. It need not look at each
+    row, but compares their memory before it uses them.
+
+    Attributes:
+        rows: the rows, which must not be modified.
+        span: their numbers and digest.
+        memory: a copy of the memory that has this digest.
+        machine_id: machine whose id all of them have; 0: they are of any machines.
+    """
+
+    rows: Rows
+    span: RowRange
+    memory: bytes = b""
+    machine_id: int = 0
+
+
+@quick_init
 @dataclass(frozen=True)
 class MachineHeader:
     """A machine's report of one tick.
@@ -149,6 +173,7 @@ class MachineHeader:
         return self.pending_mm3 + self.particles_mm3
 
 
+@quick_init
 @dataclass(frozen=True)
 class MachineReceipt:
     """Acknowledgement of what the soil received from one joined machine.
@@ -171,6 +196,7 @@ class MachineReceipt:
     backlog_digest: int = 0
 
 
+@quick_init
 @dataclass(frozen=True)
 class SoilHeader:
     """The soil's report of one tick.
@@ -203,6 +229,7 @@ class SoilHeader:
         }
 
 
+@quick_init
 @dataclass(frozen=True)
 class RowChunk:
     """Rows of one stream.
@@ -213,6 +240,7 @@ class RowChunk:
         machine_id, session_id: sender of the rows, or recipient of BACKLOG rows; 0 for rows that
             the soil sends to all.
         rows: shape (n,), dtype `STREAM_DTYPE[stream]`.
+        sent: as which the rows were sent, in the process of the sender.
     """
 
     run_id: int
@@ -220,6 +248,7 @@ class RowChunk:
     machine_id: int
     session_id: int
     rows: Rows
+    sent: NumberedRows | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,9 @@ class LedgerAccounts:
         self._released: dict[int, int] = {}
         self._outside = 0
         self._start: int | None = None
+        # The results of the properties of the same names, until they change.
+        self._joined_accounts: dict[int, int] | None = None
+        self._account_numbers: frozenset[int] | None = None
 
     @property
     def last_row_acknowledged_by_all(self) -> int:
@@ -80,13 +83,19 @@ class LedgerAccounts:
     @property
     def joined_accounts(self) -> dict[int, int]:
         """Number of the account of each machine that takes part, by machine id."""
-        return {n: a.number for n, a in self._machines.items() if a.is_joined}
+        if self._joined_accounts is None:
+            joined = {n: a.number for n, a in self._machines.items() if a.is_joined}
+            self._joined_accounts = joined
+        return self._joined_accounts
 
     @property
     def account_numbers(self) -> frozenset[int]:
         """Numbers of all accounts: of each machine that has joined, and the ended ones."""
-        numbers = frozenset([account.number for account in self._machines.values()])
-        return numbers.union(*[ended.numbers for ended in self._ended.values()])
+        if self._account_numbers is None:
+            numbers = frozenset([account.number for account in self._machines.values()])
+            ended = [ended.numbers for ended in self._ended.values()]
+            self._account_numbers = numbers.union(*ended)
+        return self._account_numbers
 
     @property
     def machines_with_ended_accounts(self) -> tuple[int, ...]:
@@ -201,6 +210,7 @@ class LedgerAccounts:
             machine_id: its number.
             published: last conversion row published so far; it needs none of those.
         """
+        self._accounts_changed()
         self._end_account(machine_id)
         self._num_opened += 1
         self._machines[machine_id] = MachineAccount(self._num_opened, published)
@@ -218,6 +228,7 @@ class LedgerAccounts:
         Raises:
             ExchangeError: REJOIN_VOLUME: it never took part, or reports another volume.
         """
+        self._accounts_changed()
         machine_id = header.machine_id
         last = self._machines.get(machine_id)
         if last is None:
@@ -247,6 +258,7 @@ class LedgerAccounts:
         Returns:
             Volume by number of the account that held it [mm^3], none of them 0.
         """
+        self._accounts_changed()
         account = self._machines.get(machine_id)
         if account is None or account.is_joined:
             return {}
@@ -261,11 +273,13 @@ class LedgerAccounts:
         Returns:
             As `release`.
         """
+        self._accounts_changed()
         ended = self._ended.pop(machine_id, EndedAccounts())
         return self._release(ended.release(), ENDED_SESSION)
 
     def leave(self, machine_id: int) -> None:
         """End the session of a machine: its soil is absent, its unacknowledged rows are kept."""
+        self._accounts_changed()
         self._machines[machine_id].leave()
 
     def ledger(self, run_id: int, tick: int, terrain: int) -> Ledger:
@@ -289,6 +303,10 @@ class LedgerAccounts:
         if self._start is None:
             self._start = sum(accounts)
         return Ledger(run_id, tick, *accounts, self._start)
+
+    def _accounts_changed(self) -> None:
+        """Compute again, when it is needed, which accounts there are and which are joined."""
+        self._joined_accounts = self._account_numbers = None
 
     def _end_account(self, machine_id: int) -> None:
         """Keep the account of a machine among the ended ones, unless it is empty."""

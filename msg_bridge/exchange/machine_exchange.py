@@ -173,13 +173,13 @@ class MachineExchange:
                 ErrorCode.JOIN_STATE,
             )
         assert self._applied is not None
-        sent_rows = self._streams.append_tick(sweeps, deposit_requests)
+        sent_sweeps, sent_requests, chunks = self._streams.append_tick(sweeps, deposit_requests)
         self.last_sent = MachineHeader(
             *self._key,
             self.next_tick,
             Verb.LEAVE if leave else Verb.STEP,
-            sent_rows.sweeps,
-            sent_rows.deposit_requests,
+            sent_sweeps,
+            sent_requests,
             self._applied,
             pending_mm3,
             particles_mm3,
@@ -193,7 +193,7 @@ class MachineExchange:
         elif len(self._in_flight) > PIPELINE_DEPTH:
             self.join_state = JoinState.WAITING
         # The header comes last: over a transport that keeps the order its rows are there before it.
-        self._outbox += [*sent_rows.chunks, self.last_sent]
+        self._outbox += [*chunks, self.last_sent]
 
     def receive(self, message: Message) -> None:
         """Process one message of the soil; those of other runs and sessions are ignored.

@@ -16,7 +16,6 @@ from msg_bridge.contract.messages import (
     Stream,
 )
 from msg_bridge.contract.rows import Rows
-from msg_bridge.exchange.row_digest import check_row_digest
 from msg_bridge.exchange.stream_buffers import (
     PIPELINE_DEPTH,
     ReceiveBuffer,
@@ -49,7 +48,7 @@ class MachineSession:
         self.session_id = session_id
         self.last_tick = self._first_tick = tick
         self.backlog = SendBuffer(Stream.BACKLOG)
-        _, backlog_range = self.backlog.append(backlog)
+        backlog_range = self.backlog.append(backlog).span
         self.num_backlog_rows = backlog_range.count
         self._backlog_digest = backlog_range.digest
         self._sweeps = ReceiveBuffer(Stream.SWEEP, machine_id=machine_id)
@@ -139,7 +138,7 @@ class MachineSession:
             raise ExchangeError(
                 f"machines do not send {chunk.stream.name} rows", ErrorCode.STREAM_DIRECTION
             )
-        return buffer.add(chunk.rows) > 0
+        return buffer.add(chunk.rows, chunk.sent) > 0
 
     def can_send(self, message: MachineHeader | RetransmitRequest) -> bool:
         """Return whether the machine can send a message of this session now.
@@ -191,11 +190,8 @@ class MachineSession:
         """
         header = self.header
         assert header is not None
-        sweeps = self._sweeps.rows(header.sweeps)
-        deposit_requests = self._deposit_requests.rows(header.deposit_requests)
-        check_row_digest(sweeps, header.sweeps, Stream.SWEEP)
-        check_row_digest(deposit_requests, header.deposit_requests, Stream.DEPOSIT_REQUEST)
-        return sweeps, deposit_requests
+        sweeps = self._sweeps.checked_rows(header.sweeps)
+        return sweeps, self._deposit_requests.checked_rows(header.deposit_requests)
 
     def tick_messages(self) -> list[Message]:
         """Return the messages of a complete tick: its rows, then its header."""
@@ -254,11 +250,13 @@ class MachineSession:
             )
 
     def _check_acknowledgement(self, header: MachineHeader) -> None:
+        for _, answer in self._published_headers:
+            if answer.conversions.last == header.conversions_received:
+                return
         published = [answer.conversions.last for _, answer in self._published_headers]
-        if header.conversions_received not in published:
-            raise ExchangeError(
-                f"machine {self.machine_id} acknowledges conversion row"
-                f" {header.conversions_received}; the answers that it can have end with rows"
-                f" {', '.join(map(str, published[-_MAX_LISTED_ROWS:]))}",
-                ErrorCode.ACKNOWLEDGEMENT,
-            )
+        raise ExchangeError(
+            f"machine {self.machine_id} acknowledges conversion row"
+            f" {header.conversions_received}; the answers that it can have end with rows"
+            f" {', '.join(map(str, published[-_MAX_LISTED_ROWS:]))}",
+            ErrorCode.ACKNOWLEDGEMENT,
+        )

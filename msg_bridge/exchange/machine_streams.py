@@ -2,36 +2,22 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from msg_bridge.contract.messages import (
     MachineHeader,
     MachineReceipt,
     Message,
+    NumberedRows,
     RetransmitRequest,
+    RowChunk,
     RowRange,
     Stream,
 )
 from msg_bridge.contract.rows import Rows
-from msg_bridge.exchange.chunks import split_into_chunks
+from msg_bridge.exchange.chunks import sent_chunks, split_into_chunks
 from msg_bridge.exchange.session_key import SessionKey
 from msg_bridge.exchange.stream_buffers import SendBuffer
 
-__all__ = ["MachineStreams", "SentRows"]
-
-
-class SentRows(NamedTuple):
-    """The rows of one tick.
-
-    Attributes:
-        sweeps: range of the SWEEP rows.
-        deposit_requests: range of the DEPOSIT_REQUEST rows.
-        chunks: the messages that carry them.
-    """
-
-    sweeps: RowRange
-    deposit_requests: RowRange
-    chunks: list[Message]
+__all__ = ["MachineStreams"]
 
 
 class MachineStreams:
@@ -43,9 +29,11 @@ class MachineStreams:
             key: the session.
         """
         self._key = key
+        self._sweeps = SendBuffer(Stream.SWEEP, machine_id=key.machine_id)
+        self._deposit_requests = SendBuffer(Stream.DEPOSIT_REQUEST, machine_id=key.machine_id)
         self._send_buffers = {
-            stream: SendBuffer(stream, machine_id=key.machine_id)
-            for stream in (Stream.SWEEP, Stream.DEPOSIT_REQUEST)
+            Stream.SWEEP: self._sweeps,
+            Stream.DEPOSIT_REQUEST: self._deposit_requests,
         }
 
     @property
@@ -53,15 +41,25 @@ class MachineStreams:
         """Number of rows kept."""
         return sum(buffer.num_buffered_rows for buffer in self._send_buffers.values())
 
-    def append_tick(self, sweeps: Rows, deposit_requests: Rows) -> SentRows:
-        """Number a copy of the rows of a tick, set their machine id, and keep them."""
-        buffers = self._send_buffers
-        sweeps, sweep_range = buffers[Stream.SWEEP].append(sweeps)
-        deposit_requests, request_range = buffers[Stream.DEPOSIT_REQUEST].append(deposit_requests)
-        chunks = self._chunks(Stream.SWEEP, sweeps)
-        if deposit_requests.size:
-            chunks += self._chunks(Stream.DEPOSIT_REQUEST, deposit_requests)
-        return SentRows(sweep_range, request_range, chunks)
+    def append_tick(
+        self, sweeps: Rows, deposit_requests: Rows
+    ) -> tuple[RowRange, RowRange, list[Message]]:
+        """Number a copy of the rows of a tick, set their machine id, and keep them.
+
+        Returns:
+            (range of the SWEEP rows, range of the DEPOSIT_REQUEST rows, messages that carry them).
+        """
+        chunks: list[Message] = []
+        spans = []
+        for buffer, rows in (
+            (self._sweeps, sweeps),
+            (self._deposit_requests, deposit_requests),
+        ):
+            sent = buffer.append(rows)
+            spans.append(sent.span)
+            if sent.span.count:
+                chunks += self._sent_chunks(buffer.stream, sent)
+        return spans[0], spans[1], chunks
 
     def retransmit(self, request: RetransmitRequest) -> list[Message]:
         """Return the kept rows that a request names."""
@@ -77,10 +75,13 @@ class MachineStreams:
             sent: header of a tick that is answered.
             receipt: the acknowledgement in the answer, if there is one.
         """
-        self._send_buffers[Stream.SWEEP].discard_through(sent.sweeps.last)
+        self._sweeps.discard_through(sent.sweeps.last)
         if receipt is not None:
-            received = receipt.deposit_requests_received
-            self._send_buffers[Stream.DEPOSIT_REQUEST].discard_through(received)
+            self._deposit_requests.discard_through(receipt.deposit_requests_received)
+
+    def _sent_chunks(self, stream: Stream, sent: NumberedRows) -> list[RowChunk]:
+        run_id, machine_id, session_id = self._key
+        return sent_chunks(run_id, stream, sent, machine_id=machine_id, session_id=session_id)
 
     def _chunks(self, stream: Stream, rows: Rows) -> list[Message]:
         run_id, machine_id, session_id = self._key

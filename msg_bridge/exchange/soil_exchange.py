@@ -143,19 +143,16 @@ class SoilExchange:
         if isinstance(message, RowChunk):
             session = self._machines.session(message.machine_id, message.session_id)
             return session is not None and session.receive_rows(message)
-        if isinstance(message, MachineHeader):
-            if not message.is_tick:
-                self._receive_join_request(message)
-        elif isinstance(message, RetransmitRequest):
-            self._retransmit(message)
-        else:
+        if not isinstance(message, MachineHeader | RetransmitRequest):
             return False
         session = self._machines.session(message.machine_id, message.session_id)
-        if session is None:
-            return False
-        if isinstance(message, MachineHeader) and message.is_tick:
+        if isinstance(message, RetransmitRequest):
+            self._retransmit(message, session)
+        elif not message.is_tick:
+            self._receive_join_request(message, session)
+        elif session is not None:
             self._receive_tick(session, message)
-        return session.can_send(message)
+        return session is not None and session.can_send(message)
 
     def poll(self, *, wait: bool = True) -> TickInput | None:
         """Return the next tick once the part of every joined machine is here, else None.
@@ -176,9 +173,9 @@ class SoilExchange:
             if not self._expected <= self._admission.waiting:
                 return None
             return TickInput(0, empty_rows(SWEEP), empty_rows(DEPOSIT_REQUEST))
-        in_tick = self._machines.complete
-        is_late = len(in_tick) < len(self._machines)
-        if wait and (is_late or not (self._machines or self._admission.waiting)):
+        in_tick, num_joined = self._machines.complete, len(self._machines)
+        is_late = len(in_tick) < num_joined
+        if wait and (is_late or not (num_joined or self._admission.waiting)):
             return None
         parts = [self._checked_rows(self._machines[machine_id]) for machine_id in in_tick]
         self._machines_in_tick = in_tick
@@ -224,15 +221,10 @@ class SoilExchange:
         """
         self.accounts.check(conversions)
         self.tick += 1
-        rows, spans = self._streams.append(
-            {
-                Stream.CONVERSION: conversions,
-                Stream.MAP_UPDATE: map_updates,
-                Stream.FORCE: forces,
-            }
-        )
-        conversion_range = spans[Stream.CONVERSION]
-        self.accounts.add_in_flight(conversion_range, rows[Stream.CONVERSION])
+        sent = self._streams.append(conversions, map_updates, forces)
+        sent_conversions, sent_updates, sent_forces = sent
+        conversion_range = sent_conversions.span
+        self.accounts.add_in_flight(conversion_range, sent_conversions.rows)
         for machine_id in self._machines_in_tick:
             self._complete_tick(machine_id)
         self._machines_in_tick = ()
@@ -242,13 +234,14 @@ class SoilExchange:
             self.tick,
             revision,
             conversions=conversion_range,
-            map_updates=spans[Stream.MAP_UPDATE],
-            forces=spans[Stream.FORCE],
+            map_updates=sent_updates.span,
+            forces=sent_forces.span,
             receipts=self._machines.receipts,
         )
         self._machines.record_published(header)
-        self._outbox += self._streams.publish(header, rows)
-        self._outbox += self._welcome.messages(header, admitted)
+        self._outbox += self._streams.publish(header, sent)
+        if admitted:
+            self._outbox += self._welcome.messages(header, admitted)
         self._streams.discard(
             self._machines.acknowledged or [header.spans],
             self.accounts.last_row_acknowledged_by_all,
@@ -311,9 +304,13 @@ class SoilExchange:
         out, self._outbox = self._outbox, []
         return out
 
-    def _receive_join_request(self, header: MachineHeader) -> None:
+    def _receive_join_request(self, header: MachineHeader, session: MachineSession | None) -> None:
+        """Add a request to join; repeat the welcome of a session that has begun.
+
+        Raises:
+            ExchangeError: ID_RANGE.
+        """
         SessionKey(self.run_id, header.machine_id, header.session_id).check()
-        session = self._machines.session(header.machine_id, header.session_id)
         if session is not None:
             last_header = self._streams.last_header
             if last_header is not None:  # its welcome was lost
@@ -378,11 +375,10 @@ class SoilExchange:
             admitted.append(session)
         return admitted
 
-    def _retransmit(self, request: RetransmitRequest) -> None:
+    def _retransmit(self, request: RetransmitRequest, session: MachineSession | None) -> None:
         last_header = self._streams.last_header
         if last_header is None:
             return
-        session = self._machines.session(request.machine_id, request.session_id)
         if request.stream is Stream.HEADER:  # its receipts show whether the machine was dropped
             self._outbox += self._streams.retransmit(request)
         elif session is None:

@@ -5,9 +5,16 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Mapping
 
-from msg_bridge.contract.messages import Message, RetransmitRequest, RowRange, SoilHeader, Stream
+from msg_bridge.contract.messages import (
+    Message,
+    NumberedRows,
+    RetransmitRequest,
+    RowRange,
+    SoilHeader,
+    Stream,
+)
 from msg_bridge.contract.rows import Rows
-from msg_bridge.exchange.chunks import split_into_chunks
+from msg_bridge.exchange.chunks import sent_chunks, split_into_chunks
 from msg_bridge.exchange.stream_buffers import SendBuffer
 
 __all__ = ["SoilStreams"]
@@ -38,25 +45,31 @@ class SoilStreams:
         return sum(buffer.num_buffered_rows for buffer in self._send_buffers.values())
 
     def append(
-        self, rows: Mapping[Stream, Rows]
-    ) -> tuple[dict[Stream, Rows], dict[Stream, RowRange]]:
-        """Number the rows of each stream; return the numbered rows, and their range with digest."""
-        numbered, spans = {}, {}
-        for stream in _STREAMS:
-            numbered[stream], spans[stream] = self._send_buffers[stream].append(rows[stream])
-        return numbered, spans
+        self, conversions: Rows, map_updates: Rows, forces: Rows
+    ) -> tuple[NumberedRows, NumberedRows, NumberedRows]:
+        """Number a copy of the rows of a tick, and keep them; return them in the same order."""
+        buffers = self._send_buffers
+        return (
+            buffers[Stream.CONVERSION].append(conversions),
+            buffers[Stream.MAP_UPDATE].append(map_updates),
+            buffers[Stream.FORCE].append(forces),
+        )
 
-    def publish(self, header: SoilHeader, rows: Mapping[Stream, Rows]) -> list[Message]:
+    def publish(self, header: SoilHeader, rows: Iterable[NumberedRows]) -> list[Message]:
         """Keep a header, and return the messages of its tick.
 
         The header comes last: over a transport that keeps the order its rows are there before it.
+
+        Args:
+            header: the header.
+            rows: its rows, as returned by `append`.
         """
         self.last_header = header
         self._recent_headers.append(header)
         messages: list[Message] = []
-        for stream in _STREAMS:
-            if rows[stream].size:
-                messages += split_into_chunks(self._run_id, stream, rows[stream])
+        for stream, sent in zip(_STREAMS, rows, strict=True):
+            if sent.span.count:
+                messages += sent_chunks(self._run_id, stream, sent)
         messages.append(header)
         return messages
 
@@ -84,7 +97,11 @@ class SoilStreams:
             last_conversion: last conversion row that every joined machine has applied.
         """
         spans = list(acknowledged)
-        for stream in (Stream.MAP_UPDATE, Stream.FORCE):
-            last = min([each[stream].last for each in spans])
-            self._send_buffers[stream].discard_through(last)
-        self._send_buffers[Stream.CONVERSION].discard_through(last_conversion)
+        for stream, buffer in self._send_buffers.items():
+            if not buffer.is_empty:
+                last = (
+                    last_conversion
+                    if stream is Stream.CONVERSION
+                    else min([each[stream].last for each in spans])
+                )
+                buffer.discard_through(last)

@@ -15,10 +15,10 @@ from functools import lru_cache
 import numpy as np
 
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
-from msg_bridge.contract.messages import STREAM_DTYPE, RowRange, Stream
-from msg_bridge.contract.rows import Rows, are_of_machine, empty_rows, join_rows
+from msg_bridge.contract.messages import STREAM_DTYPE, NumberedRows, RowRange, Stream
+from msg_bridge.contract.rows import Rows, are_of_machine, join_rows, no_rows
 from msg_bridge.exchange.reorder_buffer import ReorderBuffer
-from msg_bridge.exchange.row_digest import bytes_digest
+from msg_bridge.exchange.row_digest import bytes_digest, check_row_digest
 
 __all__ = ["MAX_ROWS_IN_FLIGHT", "PIPELINE_DEPTH", "ReceiveBuffer", "SendBuffer", "check_row_range"]
 
@@ -76,43 +76,47 @@ class SendBuffer:
         self.stream = stream
         self._machine_id = machine_id
         self._dtype = STREAM_DTYPE[stream]
-        self._kept_rows: deque[tuple[RowRange, Rows]] = deque()
-        self._next = first
+        self._kept_rows: deque[NumberedRows] = deque()
+        self._none = self._none_from(first)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no rows are kept."""
+        return not self._kept_rows
 
     @property
     def num_buffered_rows(self) -> int:
         """Number of rows kept."""
-        return sum(rows.size for _, rows in self._kept_rows)
+        return sum(each.span.count for each in self._kept_rows)
 
-    def append(self, rows: Rows) -> tuple[Rows, RowRange]:
+    def append(self, rows: Rows) -> NumberedRows:
         """Number a copy of some rows and keep it.
-
-        Returns:
-            (the numbered rows, their range with its digest).
 
         Raises:
             ValueError: the rows are of another dtype.
         """
-        first = self._next
-        if rows.size == 0:
-            return rows, RowRange(first)
+        count = rows.size
+        if count == 0:  # as in most ticks of most streams
+            return self._none
         if not _are_equal(rows.dtype, self._dtype):
             raise ValueError(f"rows of {rows.dtype} were given where {self._dtype} is required")
+        first = self._none.span.first
         # NumPy copies structured arrays field by field, which takes longer than all of this.
         data = bytearray(rows.tobytes())
-        numbered: Rows = np.frombuffer(data, self._dtype)
-        self._next += rows.size
-        numbered["seq"] = np.arange(first, self._next)  # wraps modulo 2**32
+        copy: Rows = np.frombuffer(data, self._dtype)
+        copy["seq"] = np.arange(first, first + count)  # wraps modulo 2**32
         if self._machine_id:
-            numbered["machine_id"] = self._machine_id
-        span = RowRange(first, rows.size, bytes_digest(data))
-        self._kept_rows.append((span, numbered))
-        return numbered, span
+            copy["machine_id"] = self._machine_id
+        span = RowRange(first, count, bytes_digest(data))
+        numbered = NumberedRows(copy, span, bytes(data), self._machine_id)
+        self._kept_rows.append(numbered)
+        self._none = self._none_from(first + count)
+        return numbered
 
     def kept_rows(self, wanted: RowRange) -> Rows:
         """Return the rows of a range that are still kept."""
         parts = []
-        for span, rows in self._kept_rows:
+        for rows, span, *_ in self._kept_rows:
             if span.last >= wanted.first and span.first <= wanted.last:
                 begin = max(wanted.first - span.first, 0)
                 parts.append(rows[begin : wanted.last + 1 - span.first])
@@ -120,8 +124,12 @@ class SendBuffer:
 
     def discard_through(self, through: int) -> None:
         """Discard each batch of rows that ends with row `through` or before."""
-        while self._kept_rows and self._kept_rows[0][0].last <= through:
+        while self._kept_rows and self._kept_rows[0].span.last <= through:
             self._kept_rows.popleft()
+
+    def _none_from(self, first: int) -> NumberedRows:
+        """Return no rows, where row `first` is the next one."""
+        return NumberedRows(no_rows(self._dtype), RowRange(first))
 
 
 class ReceiveBuffer:
@@ -144,15 +152,17 @@ class ReceiveBuffer:
         self.expected = first
         self._machine_id = machine_id
         self._dtype = STREAM_DTYPE[stream]
-        self._no_rows = empty_rows(self._dtype)
-        self._ready: deque[Rows] = deque()  # rows from the first expected on, up to the first gap
+        self._no_rows = no_rows(self._dtype)
+        # Rows from the first expected on, up to the first gap, and as which they were sent.
+        self._ready: deque[tuple[Rows, NumberedRows | None]] = deque()
         self.received = first - 1
-        self._reorder_buffer = ReorderBuffer(self._dtype, first)  # rows beyond that gap
+        self._reorder_buffer: ReorderBuffer | None = None  # rows beyond that gap, if there are any
 
     @property
     def num_buffered_rows(self) -> int:
         """Number of rows kept, those behind a gap included."""
-        return sum(rows.size for rows in self._ready) + len(self._reorder_buffer)
+        num_early = 0 if self._reorder_buffer is None else len(self._reorder_buffer)
+        return sum(rows.size for rows, _ in self._ready) + num_early
 
     def _check(self, rows: Rows) -> None:
         """Check that an array has rows of the stream, and of the machine that sends them.
@@ -172,11 +182,15 @@ class ReceiveBuffer:
                 ErrorCode.SENDER_MISMATCH,
             )
 
-    def add(self, rows: Rows) -> int:
+    def add(self, rows: Rows, sent: NumberedRows | None = None) -> int:
         """Add rows in any order, any number of times. Rows that continue the stream are not copied.
 
         Rows `MAX_ROWS_AHEAD` or more beyond the first missing one are dropped: they are requested
         again once a header counts them.
+
+        Args:
+            rows: the rows.
+            sent: as which they were sent, if that was in this process.
 
         Returns:
             The number of new rows.
@@ -185,10 +199,13 @@ class ReceiveBuffer:
             ExchangeError: ROW_TYPE, SENDER_MISMATCH; SEQUENCE_NUMBER: numbered far beyond all rows
                 received.
         """
+        if sent is not None and sent.rows is rows and self._is_next(sent):
+            self._append(rows, sent)
+            return sent.span.count
         self._check(rows)
         if rows.size == 0:
             return 0
-        if not self._reorder_buffer and self._continues(rows):  # the usual case
+        if self._reorder_buffer is None and self._continues(rows):  # the usual case
             self._append(rows)
             return rows.size
         # Of all numbers equal modulo 2**32, the nearest to the first one expected.
@@ -204,19 +221,20 @@ class ReceiveBuffer:
                 " sender numbers from another start",
                 ErrorCode.SEQUENCE_NUMBER,
             )
-        if not self._reorder_buffer:
+        if self._reorder_buffer is None:
             self._reorder_buffer = ReorderBuffer(self._dtype, self.received + 1)
         num_new = self._reorder_buffer.add(numbers[is_new], rows[is_new])
-        self._append(self._reorder_buffer.pop_contiguous(self.received + 1))
+        self._append_early_rows()
         return num_new
 
     def missing(self, span: RowRange) -> list[RowRange]:
         """Return the gaps in a range; discarded rows are no gaps."""
         last = span.last
-        if last <= self.received:  # the usual case, several times in a tick
+        if last <= self.received or span.count == 0:  # as in most ticks
             return []
         first = max(span.first, self.received + 1)
-        return self._reorder_buffer.missing(RowRange(first, last + 1 - first))
+        wanted = RowRange(first, last + 1 - first)
+        return [wanted] if self._reorder_buffer is None else self._reorder_buffer.missing(wanted)
 
     def rows(self, span: RowRange) -> Rows:
         """Return the rows of a range, which must not be modified.
@@ -231,6 +249,23 @@ class ReceiveBuffer:
             )
         return self._select(span.first, span.last)
 
+    def checked_rows(self, span: RowRange) -> Rows:
+        """Return the rows of a range whose digest a header states.
+
+        Raises:
+            ExchangeError: MISSING_ROWS; ROW_DIGEST: they are not those of the header.
+        """
+        if span.count == 0 and span.digest == 0:
+            return self._no_rows
+        if span.first == self.expected and self._ready:
+            rows, sent = self._ready[0]
+            # Faster than the digest of the rows, which another part may have modified.
+            if sent is not None and _is_content(sent, span) and rows.tobytes() == sent.memory:
+                return rows
+        rows = self.rows(span)
+        check_row_digest(rows, span, self.stream)
+        return rows
+
     def rows_through(self, last: int) -> Rows | None:
         """Return the rows that are not discarded, through number `last`; None if any is missing.
 
@@ -242,10 +277,10 @@ class ReceiveBuffer:
         """Return the rows from `first` to `last`, which are here."""
         if last < first:
             return self._no_rows
-        if first == self.expected and last + 1 - first == self._ready[0].size:  # the usual case
-            return self._ready[0]
+        if first == self.expected and last + 1 - first == self._ready[0][0].size:  # the usual case
+            return self._ready[0][0]
         parts, number = [], self.expected
-        for rows in self._ready:
+        for rows, _ in self._ready:
             if number > last:
                 break
             parts.append(rows[max(first - number, 0) : last + 1 - number])
@@ -258,19 +293,30 @@ class ReceiveBuffer:
         if drop <= 0:
             return
         self.expected = through + 1
-        while self._ready and self._ready[0].size <= drop:
-            drop -= self._ready.popleft().size
+        while self._ready and self._ready[0][0].size <= drop:
+            drop -= self._ready.popleft()[0].size
         if self._ready:
-            self._ready[0] = self._ready[0][drop:]
+            self._ready[0] = self._ready[0][0][drop:], None
         if through > self.received:
             self.received = through
-            self._append(self._reorder_buffer.pop_contiguous(through + 1))
+            if self._reorder_buffer is not None:
+                self._append_early_rows()
 
     def clear(self) -> None:
         """Discard all rows that are not yet discarded; they are missing from now on."""
         self._ready.clear()
         self.received = self.expected - 1
-        self._reorder_buffer = ReorderBuffer(self._dtype, self.expected)
+        self._reorder_buffer = None
+
+    def _is_next(self, sent: NumberedRows) -> bool:
+        """Return whether numbered rows are the next ones, of the right type and machine."""
+        return (
+            self._reorder_buffer is None
+            and sent.span.first == self.received + 1
+            and sent.span.last - self.expected < MAX_ROWS_IN_FLIGHT
+            and sent.rows.dtype == self._dtype
+            and (not self._machine_id or sent.machine_id == self._machine_id)
+        )
 
     def _continues(self, rows: Rows) -> bool:
         """Return whether rows are the next ones, in order."""
@@ -280,10 +326,24 @@ class ReceiveBuffer:
         # For a few rows faster than NumPy; rows in which the numbers wrap are the unusual case.
         return bool(rows["seq"].tolist() == list(range(first, first + rows.size)))
 
-    def _append(self, rows: Rows) -> None:
+    def _append(self, rows: Rows, sent: NumberedRows | None = None) -> None:
+        """Append the next rows, of which there is at least one."""
+        self._ready.append((rows, sent))
+        self.received += rows.size
+
+    def _append_early_rows(self) -> None:
+        """Append the rows that were received early and are the next ones now."""
+        assert self._reorder_buffer is not None
+        rows = self._reorder_buffer.pop_contiguous(self.received + 1)
         if rows.size:
-            self._ready.append(rows)
-            self.received += rows.size
+            self._append(rows)
+        if not self._reorder_buffer:
+            self._reorder_buffer = None
+
+
+def _is_content(sent: NumberedRows, span: RowRange) -> bool:
+    """Return whether numbered rows are those that a header states."""
+    return sent.span.count == span.count and sent.span.digest == span.digest
 
 
 @lru_cache(maxsize=_DTYPES_IN_CACHE)

@@ -16,7 +16,6 @@ from msg_bridge.contract.messages import (
     Stream,
 )
 from msg_bridge.contract.rows import Rows
-from msg_bridge.exchange.row_digest import check_row_digest
 from msg_bridge.exchange.stream_buffers import ReceiveBuffer, check_row_range
 
 __all__ = ["CompletedTick", "TicksInFlight"]
@@ -109,7 +108,7 @@ class TicksInFlight:
             ExchangeError: ROW_TYPE or SEQUENCE_NUMBER.
         """
         if chunk.stream in self._receive_buffers and chunk.machine_id == 0:
-            self._receive_buffers[chunk.stream].add(chunk.rows)
+            self._receive_buffers[chunk.stream].add(chunk.rows, chunk.sent)
 
     def add_header(self, header: SoilHeader, receipt: MachineReceipt) -> None:
         """Add a header if it answers a tick in flight; it replaces older answers to the tick.
@@ -165,8 +164,7 @@ class TicksInFlight:
             return
         try:
             for stream, span in header.spans.items():
-                rows = completed.rows[stream]
-                check_row_digest(rows[rows.size - span.count :], span, stream)
+                self._receive_buffers[stream].checked_rows(span)
         except ExchangeError:
             self.discard_answer()
             raise
@@ -176,7 +174,9 @@ class TicksInFlight:
         answer = self._ticks.popleft().answer
         assert answer is not None
         for stream, span in answer.spans.items():
-            self._receive_buffers[stream].discard_through(span.last)
+            buffer, last = self._receive_buffers[stream], span.last
+            if last >= buffer.expected:
+                buffer.discard_through(last)
         self._last_answer_tick = answer.tick
         self._num_failed_repairs = 0
         self._completed = None
@@ -225,7 +225,8 @@ class TicksInFlight:
                 if before is None
                 else before.spans[stream].last + 1
             )
-            check_row_range(span, stream, expected, allow_gap=allow_gap)
+            if span.first != expected or span.count:
+                check_row_range(span, stream, expected, allow_gap=allow_gap)
 
     def _missing(self, spans: dict[Stream, RowRange]) -> list[tuple[Stream, RowRange]]:
         return [

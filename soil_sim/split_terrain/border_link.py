@@ -58,7 +58,7 @@ class BorderLink:
         """
         received = []
         for stream, of_stream in zip(_STREAMS, rows, strict=True):
-            numbered, span = self._sent[stream].append(of_stream)
+            numbered, span, *_ = self._sent[stream].append(of_stream)
             self._receive(stream, numbered)
             while missing := self._received[stream].missing(span):
                 for gap in missing:

@@ -17,7 +17,7 @@ from msg_bridge.exchange.stream_buffers import ReceiveBuffer, SendBuffer
 def numbered(count: int) -> np.ndarray:
     rows = empty_rows(DEPOSIT_REQUEST, count)
     rows["particle_id"] = np.arange(100, 100 + count)
-    return SendBuffer(Stream.DEPOSIT_REQUEST).append(rows)[0]
+    return SendBuffer(Stream.DEPOSIT_REQUEST).append(rows).rows
 
 
 @settings(deadline=None, max_examples=50)
@@ -59,7 +59,7 @@ def test_discarded_rows_count_as_duplicates() -> None:
 def test_rows_are_kept_until_discarded() -> None:
     outgoing = SendBuffer(Stream.DEPOSIT_REQUEST)
     outgoing.append(empty_rows(DEPOSIT_REQUEST, 5))
-    rows, span = outgoing.append(empty_rows(DEPOSIT_REQUEST, 5))
+    rows, span, *_ = outgoing.append(empty_rows(DEPOSIT_REQUEST, 5))
     assert span == RowRange(6, 5)
     assert rows["seq"].tolist() == [6, 7, 8, 9, 10]
     assert outgoing.kept_rows(RowRange(4, 3))["seq"].tolist() == [4, 5, 6]
@@ -95,7 +95,7 @@ def test_numbers_continue_beyond_32_bits() -> None:
         ReceiveBuffer(Stream.DEPOSIT_REQUEST, first),
     )
     for _ in range(4):
-        rows, span = outgoing.append(empty_rows(DEPOSIT_REQUEST, 3))
+        rows, span, *_ = outgoing.append(empty_rows(DEPOSIT_REQUEST, 3))
         assert incoming.add(rows[::-1]) == 3
         assert incoming.add(rows) == 0
         assert incoming.rows(span).size == 3
@@ -136,7 +136,31 @@ def test_discarding_across_a_gap() -> None:
 
 def test_kept_rows_are_copies_of_those_given() -> None:
     outgoing, rows = SendBuffer(Stream.DEPOSIT_REQUEST), empty_rows(DEPOSIT_REQUEST, 3)
-    sent, _ = outgoing.append(rows)
+    sent = outgoing.append(rows).rows
     rows["volume_mm3"] = 7
     assert np.array_equal(outgoing.kept_rows(RowRange(1, 3)), sent)
     assert not sent["volume_mm3"].any()
+
+
+def test_rows_modified_after_they_were_sent_are_rejected() -> None:
+    rows = empty_rows(DEPOSIT_REQUEST, 3)
+    incoming, sent = ReceiveBuffer(Stream.DEPOSIT_REQUEST), SendBuffer(Stream.DEPOSIT_REQUEST)
+    numbered = sent.append(rows)
+    incoming.add(numbered.rows, numbered)
+    assert incoming.checked_rows(numbered.span) is numbered.rows
+    numbered.rows["volume_mm3"] = 7
+    with raises(ErrorCode.ROW_DIGEST):
+        incoming.checked_rows(numbered.span)
+
+
+def test_rows_are_checked_where_others_were_sent() -> None:
+    numbered = SendBuffer(Stream.DEPOSIT_REQUEST, machine_id=1).append(
+        empty_rows(DEPOSIT_REQUEST, 3)
+    )
+    with raises(ErrorCode.SENDER_MISMATCH):
+        ReceiveBuffer(Stream.DEPOSIT_REQUEST, machine_id=2).add(numbered.rows, numbered)
+    incoming, forged = ReceiveBuffer(Stream.DEPOSIT_REQUEST, machine_id=1), numbered.rows.copy()
+    forged["volume_mm3"] = 7
+    assert incoming.add(forged, numbered) == 3
+    with raises(ErrorCode.ROW_DIGEST):
+        incoming.checked_rows(numbered.span)

@@ -1,0 +1,33 @@
+"""Dataclasses with the quick constructor are as those without."""
+
+from dataclasses import FrozenInstanceError, dataclass, field, replace
+
+import pytest
+
+from msg_bridge.contract.quick_init import quick_init
+
+
+@quick_init
+@dataclass(frozen=True)
+class Point:
+    x: int
+    y: int = 3
+    label: str = field(default="a", compare=False)
+
+
+def test_fields_have_the_values_given_or_their_defaults() -> None:
+    point = Point(1, label="b")
+    assert (point.x, point.y, point.label) == (1, 3, "b")
+    assert point == Point(1) == replace(point, label="c") != Point(2)
+    assert hash(point) == hash(Point(x=1, y=3))
+    assert repr(point) == "Point(x=1, y=3, label='b')"
+
+
+def test_fields_cannot_be_set() -> None:
+    with pytest.raises(FrozenInstanceError):
+        Point(1).x = 2  # type: ignore[misc]
+
+
+def test_parameters_are_checked() -> None:
+    with pytest.raises(TypeError, match="missing 1 required"):
+        Point()  # type: ignore[call-arg]
