@@ -17,13 +17,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.quick_init import quick_init
+from msg_bridge.contract.row_ranges import NumberedRows, RowRange
 from msg_bridge.contract.rows import CONVERSION, DEPOSIT_REQUEST, FORCE, MAP_UPDATE, SWEEP, Rows
 
 __all__ = [
@@ -83,45 +83,7 @@ STREAM_DTYPE: dict[Stream, np.dtype[np.void]] = {
 }
 """Row type of each stream of rows."""
 
-
-@quick_init
-@dataclass(frozen=True)
-class RowRange:
-    """`count` rows of a stream, from sequence number `first` on.
-
-    Attributes:
-        first: sequence number of the first row.
-        count: number of rows.
-        digest: in a header, digest of the rows, see `exchange.row_digest`; not compared.
-    """
-
-    first: int = 1
-    count: int = 0
-    digest: int = field(default=0, compare=False)
-
-    @property
-    def last(self) -> int:
-        """Sequence number of the last row; first - 1 if the range is empty."""
-        return self.first + self.count - 1
-
-
-class NumberedRows(NamedTuple):
-    """Rows as they are sent, with what is known of them.
-
-    A receiver in the process of the sender gets this object with the rows. It need not look at each
-    row, but compares their memory before it uses them.
-
-    Attributes:
-        rows: the rows, which must not be modified.
-        span: their numbers and digest.
-        memory: a copy of the memory that has this digest.
-        machine_id: machine whose id all of them have; 0: they are of any machines.
-    """
-
-    rows: Rows
-    span: RowRange
-    memory: bytes = b""
-    machine_id: int = 0
+_NO_ROWS = RowRange()
 
 
 @quick_init
@@ -154,8 +116,8 @@ class MachineHeader:
     session_id: int
     tick: int
     verb: Verb
-    sweeps: RowRange = RowRange()
-    deposit_requests: RowRange = RowRange()
+    sweeps: RowRange = _NO_ROWS
+    deposit_requests: RowRange = _NO_ROWS
     conversions_received: int = 0
     pending_mm3: int = 0
     particles_mm3: int = 0

@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-import hashlib
-
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import RowRange, Stream
+from msg_bridge.contract.row_ranges import bytes_digest
 from msg_bridge.contract.rows import Rows
 
-__all__ = ["bytes_digest", "check_row_digest", "row_digest"]
-
-_SIZE = 8
-"""Length of a digest [bytes]: headers are arrays of int64."""
+__all__ = ["check_row_digest", "row_digest"]
 
 
 def row_digest(rows: Rows) -> int:
     """Return the SHA-256 digest of numbered rows, cut to an int64; 0 without rows."""
     return bytes_digest(rows.tobytes()) if rows.size else 0
-
-
-def bytes_digest(data: bytes | bytearray) -> int:
-    """Return the `row_digest` of one or more rows from their memory."""
-    digest = hashlib.sha256(data).digest()
-    return int.from_bytes(digest[:_SIZE], "little", signed=True)
 
 
 def check_row_digest(rows: Rows, span: RowRange, stream: Stream) -> None:

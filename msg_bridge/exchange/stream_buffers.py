@@ -16,9 +16,10 @@ import numpy as np
 
 from msg_bridge.contract.errors import ErrorCode, ExchangeError
 from msg_bridge.contract.messages import STREAM_DTYPE, NumberedRows, RowRange, Stream
+from msg_bridge.contract.row_ranges import SentRange
 from msg_bridge.contract.rows import Rows, are_of_machine, join_rows, no_rows
 from msg_bridge.exchange.reorder_buffer import ReorderBuffer
-from msg_bridge.exchange.row_digest import bytes_digest, check_row_digest
+from msg_bridge.exchange.row_digest import check_row_digest
 
 __all__ = ["MAX_ROWS_IN_FLIGHT", "PIPELINE_DEPTH", "ReceiveBuffer", "SendBuffer", "check_row_range"]
 
@@ -107,8 +108,7 @@ class SendBuffer:
         copy["seq"] = np.arange(first, first + count)  # wraps modulo 2**32
         if self._machine_id:
             copy["machine_id"] = self._machine_id
-        span = RowRange(first, count, bytes_digest(data))
-        numbered = NumberedRows(copy, span, bytes(data), self._machine_id)
+        numbered = NumberedRows(copy, SentRange.of(first, count, bytes(data)), self._machine_id)
         self._kept_rows.append(numbered)
         self._none = self._none_from(first + count)
         return numbered
@@ -255,16 +255,20 @@ class ReceiveBuffer:
         Raises:
             ExchangeError: MISSING_ROWS; ROW_DIGEST: they are not those of the header.
         """
-        if span.count == 0 and span.digest == 0:
+        if span.count == 0 and span.digest == 0:  # as in most ticks
             return self._no_rows
         if span.first == self.expected and self._ready:
             rows, sent = self._ready[0]
-            # Faster than the digest of the rows, which another part may have modified.
-            if sent is not None and _is_content(sent, span) and rows.tobytes() == sent.memory:
+            if sent is not None and sent.span is span and self._are_as_sent(sent):
                 return rows
         rows = self.rows(span)
         check_row_digest(rows, span, self.stream)
         return rows
+
+    def _are_as_sent(self, sent: NumberedRows) -> bool:
+        """Return whether rows that were sent in this process certainly have not been modified."""
+        span = sent.span
+        return isinstance(span, SentRange) and sent.rows.tobytes() == span.memory
 
     def rows_through(self, last: int) -> Rows | None:
         """Return the rows that are not discarded, through number `last`; None if any is missing.
@@ -339,11 +343,6 @@ class ReceiveBuffer:
             self._append(rows)
         if not self._reorder_buffer:
             self._reorder_buffer = None
-
-
-def _is_content(sent: NumberedRows, span: RowRange) -> bool:
-    """Return whether numbered rows are those that a header states."""
-    return sent.span.count == span.count and sent.span.digest == span.digest
 
 
 @lru_cache(maxsize=_DTYPES_IN_CACHE)

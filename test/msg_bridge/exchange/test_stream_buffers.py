@@ -1,6 +1,7 @@
 """Rows are delivered once and in order, and discarded ones are not kept."""
 
 import weakref
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from support.wire import raises
 from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import RowRange, Stream
 from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, empty_rows
+from msg_bridge.exchange.row_digest import row_digest
 from msg_bridge.exchange.stream_buffers import ReceiveBuffer, SendBuffer
 
 
@@ -164,3 +166,12 @@ def test_rows_are_checked_where_others_were_sent() -> None:
     assert incoming.add(forged, numbered) == 3
     with raises(ErrorCode.ROW_DIGEST):
         incoming.checked_rows(numbered.span)
+
+
+@pytest.mark.parametrize("count", [3, 5000])
+def test_digest_of_sent_rows_is_that_of_their_memory(count: int) -> None:
+    sent = SendBuffer(Stream.DEPOSIT_REQUEST).append(empty_rows(DEPOSIT_REQUEST, count))
+    digest = row_digest(sent.rows)
+    sent.rows["volume_mm3"] = 7
+    assert sent.span.digest == digest != row_digest(sent.rows)
+    assert sent.span == RowRange(1, count) == replace(sent.span, digest=0)
