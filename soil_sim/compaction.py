@@ -79,6 +79,9 @@ class CompactedColumns(NamedTuple):
     pressed: dict[int, NDArray[np.int64]]
 
 
+_NOTHING_COMPACTED = CompactedColumns(np.zeros(0, np.int64), {})
+
+
 def compact(columns: Columns, sweeps: MachineSweeps, sinkage: NDArray[np.void]) -> CompactedColumns:
     """Press soil down under the plates of a tick.
 
@@ -87,31 +90,43 @@ def compact(columns: Columns, sweeps: MachineSweeps, sinkage: NDArray[np.void]) 
         sweeps: sweeps of one machine, of which some pairs may compact.
         sinkage: `sinkage_table` of the kinds of soil.
     """
-    yielded, tools, cells = _compact(
-        sweeps.rows, sweeps.points, columns.boxed_arrays, columns.frame, sinkage
+    if not sweeps.compacts:
+        return _NOTHING_COMPACTED
+    tools = np.empty((sweeps.rows.size // 2, 2), np.int64)
+    num_tools, num_yielded, cells = _compact(
+        sweeps.rows, sweeps.points, columns.boxed_arrays, columns.frame, sinkage, tools
     )
     pressed = {}
-    begin = 0
-    for tool, end in tools.tolist():
+    begin = num_yielded
+    for tool, end in tools[:num_tools].tolist():
         pressed[tool] = cells[begin:end]
         begin = end
-    return CompactedColumns(yielded, pressed)
+    return CompactedColumns(cells[:num_yielded], pressed)
 
 
 @fixed_signature_kernel
-def _compact(rows, key_points, boxed_columns, frame, sinkage):  # type: ignore[no-untyped-def]
+def _compact(  # type: ignore[no-untyped-def]
+    rows, key_points, boxed_columns, frame, sinkage, tools
+):
     """Compact soil as `compact`.
 
+    Args:
+        rows, key_points: as of `MachineSweeps`.
+        boxed_columns, frame: `ColumnArrays`, boxed, and `GridFrame` of the terrain; changed.
+        sinkage: `sinkage_table` of the kinds of soil.
+        tools: out, id of each tool with pressure, ascending, and the index after the last of its
+            columns below; it has room for all pairs.
+
     Returns:
-        (flat indices of the columns that yielded, sorted; ids of the tools with pressure, sorted,
-        and index after the last column of each below, shape (tools, 2); flat indices of the columns
-        under each of these tools, sorted).
+        (number of those tools, number of columns that yielded, flat indices of the columns that
+        yielded, sorted, followed by those under each of these tools, sorted).
     """
     points, has_plate, pressure, tool = pressed_pairs(rows, key_points)
     columns = boxed_columns.table
     under, count = np.empty(64, dtype=np.int64), np.int64(0)
-    tools = np.empty(0, dtype=np.int64)
-    for n in range(points.shape[0] - 1):
+    first_under = np.empty(points.shape[0] + 1, dtype=np.int64)  # of each pair, among `under`
+    for n in range(points.shape[0]):
+        first_under[n] = count
         if not has_plate[n]:
             continue
         distance = 0.0
@@ -133,35 +148,59 @@ def _compact(rows, key_points, boxed_columns, frame, sinkage):  # type: ignore[n
                 under, count = _compact_triangle(
                     (b, c, third), (p_b, p_c, p_third), width, columns, frame, sinkage, under, count
                 )
-        before, tools = tools, np.empty(count, dtype=np.int64)
-        tools[: before.size] = before
-        tools[before.size :] = tool[n]
-    under = under[:count]
-    return (np.unique(under[under >= 0]), *_columns_by_tool(under, tools, pressure, tool))
+    first_under[points.shape[0]] = count
+    return _columns_under(under, first_under, pressure, tool, tools)
 
 
 @helper(allocates=True)
-def _columns_by_tool(under, tools, pressure, tool_of_pair):  # type: ignore[no-untyped-def]
-    """Return the columns under each tool with pressure as `_compact`.
+def _columns_under(under, first_under, pressure, tool, tools):  # type: ignore[no-untyped-def]
+    """Return the columns that yielded, and those under each tool with pressure, as `_compact`.
 
     Args:
         under: flat indices of the columns under plates, one for each triangle; that of a column
             that does not yield is inverted.
-        tools: id of the tool of each.
-        pressure, tool_of_pair: pressure [Pa] and tool of the key-point pairs.
+        first_under: index of the first column of each key-point pair, then the number of columns.
+        pressure, tool: pressure [Pa] and tool of the pairs.
+        tools: out, as of `_compact`.
     """
-    is_pressing = (pressure[:, 0] > 0.0) | (pressure[:, 1] > 0.0)
-    with_pressure = np.unique(tool_of_pair[is_pressing])
-    ends = np.empty((with_pressure.size, 2), dtype=np.int64)
-    cells = np.empty(under.size, dtype=np.int64)
-    end = 0
-    for k in range(with_pressure.size):
-        of_tool = under[tools == with_pressure[k]]
-        own = np.unique(np.where(of_tool < 0, ~of_tool, of_tool))
-        cells[end : end + own.size] = own
-        end += own.size
-        ends[k, 0], ends[k, 1] = with_pressure[k], end
-    return ends, cells[:end]
+    num_pairs, count = tool.size, first_under[tool.size]
+    cells = np.empty(2 * count, dtype=np.int64)
+    num_yielded = 0
+    for k in range(count):
+        if under[k] >= 0:
+            cells[num_yielded] = under[k]
+            num_yielded += 1
+    num_yielded = _sort_distinct(cells, 0, num_yielded)
+    num_tools, first, end = 0, 0, num_yielded
+    while first < num_pairs:
+        after, is_pressing = first, False
+        while after < num_pairs and tool[after] == tool[first]:
+            is_pressing = is_pressing or pressure[after, 0] > 0.0 or pressure[after, 1] > 0.0
+            after += 1
+        if is_pressing:
+            begin = end
+            for k in range(first_under[first], first_under[after]):
+                cells[end] = ~under[k] if under[k] < 0 else under[k]
+                end += 1
+            end = _sort_distinct(cells, begin, end)
+            tools[num_tools, 0], tools[num_tools, 1] = tool[first], end
+            num_tools += 1
+        first = after
+    return num_tools, num_yielded, cells
+
+
+@helper(allocates=True)
+def _sort_distinct(cells, begin, end):  # type: ignore[no-untyped-def]
+    """Sort the indices `begin` to `end`, and keep each once; return the index after the last."""
+    if end - begin < 2:
+        return end
+    cells[begin:end].sort()
+    last = begin
+    for k in range(begin + 1, end):
+        if cells[k] != cells[last]:
+            last += 1
+            cells[last] = cells[k]
+    return last + 1
 
 
 @helper
@@ -188,7 +227,7 @@ def _compact_triangle(  # type: ignore[no-untyped-def]
         columns: `ColumnArrays` of the terrain; changed.
         frame: `GridFrame` of the terrain.
         sinkage: `sinkage_table` of the kinds of soil.
-        under: flat indices as of `_compact`, of which the first `count` are in use; changed.
+        under: flat indices as of `_columns_under`, of which the first `count` are in use; changed.
         count: number of indices in use.
 
     Returns:

@@ -36,6 +36,10 @@ from soil_sim.tool_sweeps import positions_of_first_tools
 
 __all__ = ["SoilEndpoint", "SoilTickResult", "split_into_deposit_requests"]
 
+_MAX_UNREAD_TICKS = 64
+"""Number of ticks after which the positions of tools are read: only the last ones are used, where
+soil is released."""
+
 _ORIGIN = (0.0, 0.0, 0.0)
 """Position of the soil of a machine whose tools never had a valid sweep."""
 
@@ -89,6 +93,8 @@ class SoilEndpoint:
             run_id=run_id,
         )
         self._tool_positions: dict[int, Sequence[float]] = {}  # x, y, z [m] by account
+        # Sweeps with the accounts of their machines, of which the positions are not read yet.
+        self._unread_sweeps: list[tuple[Rows, Mapping[int, int]]] = []
         self._inventory = SoilInventory()  # by account
         self._account_numbers: frozenset[int] = frozenset()  # at the end of the last tick
         # Machine ids of a requested release: whose soil, and whose ended accounts, are released.
@@ -178,7 +184,9 @@ class SoilEndpoint:
         if self._sweep_limits is not None:
             self._sweep_limits.update_sessions(self.exchange.session_ids)
             sweeps, rejected = self._sweep_limits.check(tick.tick, sweeps)
-        self._record_tool_positions(sweeps, accounts)
+        self._unread_sweeps.append((sweeps, accounts))
+        if len(self._unread_sweeps) == _MAX_UNREAD_TICKS:
+            self._read_tool_positions()
         deposit_requests = tick.deposit_requests
         if self._machines_to_release or self._ended_to_release:
             deposit_requests = join_rows([deposit_requests, self._release()], DEPOSIT_REQUEST)
@@ -187,24 +195,29 @@ class SoilEndpoint:
             return step
         return step._replace(rejected_tools=(*rejected, *step.rejected_tools))
 
-    def _record_tool_positions(self, sweeps: Rows, accounts: Mapping[int, int]) -> None:
-        """Record the position of the first tool of each machine."""
-        positions = positions_of_first_tools(np.ascontiguousarray(sweeps))
-        for machine_id, *position in positions.tolist():
-            self._tool_positions[accounts[int(machine_id)]] = position
+    def _read_tool_positions(self) -> None:
+        """Record the last position of the first tool of each account."""
+        unread, self._unread_sweeps = self._unread_sweeps, []
+        last: dict[int, Sequence[float]] = {}
+        for sweeps, accounts in reversed(unread):
+            if not last.keys() >= set(accounts.values()):
+                positions = positions_of_first_tools(np.ascontiguousarray(sweeps)).tolist()
+                last = {accounts[int(machine_id)]: each for machine_id, *each in positions} | last
+        self._tool_positions |= last
 
     def _update_ended_accounts(self) -> None:
         """Merge positions and inventories of merged accounts; discard those of discarded ones.
 
         A merged account has the position of the last account that was added to it.
         """
+        accounts = self.exchange.accounts.account_numbers
+        if accounts is self._account_numbers:  # as in most ticks
+            return
+        self._read_tool_positions()
         for merged in self.exchange.accounts.merged:
             self._inventory.merge(merged.number, merged.target)
             if merged.number in self._tool_positions:
                 self._tool_positions[merged.target] = self._tool_positions.pop(merged.number)
-        accounts = self.exchange.accounts.account_numbers
-        if accounts is self._account_numbers:  # as in most ticks
-            return
         self._account_numbers = accounts
         self._inventory.retain(accounts)
         self._tool_positions = {
@@ -217,6 +230,7 @@ class SoilEndpoint:
         A machine whose release was requested while it took part may have been dropped since then:
         it keeps what it holds.
         """
+        self._read_tool_positions()
         parts = [
             self._deposit_requests(machine_id, self.exchange.release(machine_id))
             for machine_id in self._machines_to_release

@@ -92,12 +92,14 @@ class MachineSweeps(NamedTuple):
         machine_id: id of the machine.
         rows, points: its SWEEP rows and their key points, as of `ValidSweeps`.
         cuts: the pairs that cut or mill, by tool.
+        compacts: whether there are pairs that compact.
     """
 
     machine_id: int
     rows: Rows
     points: NDArray[np.float64]
     cuts: list[CutSweep]
+    compacts: bool
 
 
 def group_by_machine(sweeps: ValidSweeps) -> list[MachineSweeps]:
@@ -111,6 +113,7 @@ def group_by_machine(sweeps: ValidSweeps) -> list[MachineSweeps]:
         ends, has_plate = np.empty((max_pairs, 2, 2, 3)), np.empty(max_pairs, np.bool_)
         tools = np.empty(max_pairs, _CUTTING_TOOL)
         num_tools, machine_id, end = _cutting_tools(rows, points, start, ends, has_plate, tools)
+        cutting = tools[:num_tools].tolist()
         cuts = [
             CutSweep(
                 SweptPairs(ends[first:after], has_plate[first:after]),
@@ -119,9 +122,12 @@ def group_by_machine(sweeps: ValidSweeps) -> list[MachineSweeps]:
                 tool,
                 work if mills else None,
             )
-            for first, after, room, tool, mills, work in tools[:num_tools].tolist()
+            for first, after, room, tool, mills, work in cutting
         ]
-        groups.append(MachineSweeps(machine_id, rows[start:end], points[start:end], cuts))
+        num_cutting = cutting[-1][1] if cutting else 0
+        compacts = num_cutting < (end - start) // 2
+        own = rows[start:end], points[start:end]
+        groups.append(MachineSweeps(machine_id, *own, cuts, compacts))
         start = end
     return groups
 

@@ -188,6 +188,13 @@ def test_released_soil_is_deposited_at_the_last_valid_sweep(
     assert endpoint.soil.verify_volume()
 
 
+def test_soil_of_a_dropped_machine_is_released_where_it_was(endpoint: SoilEndpoint) -> None:
+    welcomed(endpoint).dig(x=1.5)
+    endpoint.exchange.drop(1)
+    assert endpoint.release_absent_soil() == (1,)
+    assert {x for _, x in released_soil(endpoint)} == {1.5}
+
+
 def test_released_soil_has_the_kind_and_moisture_of_the_excavated_soil() -> None:
     grid = Grid(61, 61, 0.2)
     ids = np.full(grid.shape, 1, dtype=np.uint8)
