@@ -11,7 +11,7 @@ from dig_operator.observation import Observation
 from dig_operator.observed_machine import ObservedMachine
 from machine_sim.machine import MachineSpec
 from machine_sim.machine.rotations import rotation_matrix
-from msg_bridge.codec.machine_state import BaseState, PayloadState
+from msg_bridge.codec.machine_state import BasePose, BaseState, PayloadState
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.ledger import Ledger
 
@@ -37,22 +37,25 @@ class MachineSample(NamedTuple):
 
     Attributes:
         joints: joint angles [rad], shape (joints,).
-        base: pose and motion of the base.
+        base: pose of the base; its motion is not used.
         payload: soil in its tools.
     """
 
     joints: ArrayLike
-    base: BaseState
+    base: BasePose | BaseState
     payload: PayloadState
 
 
-def observed_machine(name: str, spec: MachineSpec, sample: MachineSample) -> ObservedMachine:
+def observed_machine(
+    name: str, spec: MachineSpec, sample: MachineSample, velocity: ArrayLike
+) -> ObservedMachine:
     """Return another machine from its messages.
 
     Args:
         name: namespace of its topics.
         spec: its machine file.
         sample: its state.
+        velocity: velocity of its base [m/s], shape (3,).
     """
     return ObservedMachine(
         name=name,
@@ -60,7 +63,7 @@ def observed_machine(name: str, spec: MachineSpec, sample: MachineSample) -> Obs
         base_position=np.array(sample.base.position, dtype=np.float64),
         base_rotation=rotation_matrix(sample.base.quaternion),
         joints=np.array(sample.joints, dtype=np.float64),
-        speed=float(np.linalg.norm(np.asarray(sample.base.velocity, dtype=np.float64))),
+        speed=float(np.linalg.norm(np.asarray(velocity, dtype=np.float64))),
         fill=sample.payload.fill,
         bank_m3=sample.payload.bank_m3,
     )

@@ -188,12 +188,10 @@ class OtherMachines:
             if newest is None:
                 continue
             messages = self._messages[name]
-            sample = MachineSample(
-                messages.joints[newest],
-                messages.base[newest],
-                messages.payload.get(newest, _NO_PAYLOAD),
-            )
-            self._last[name] = newest, observed_machine(name, self._specs[name], sample)
+            base, payload = messages.base[newest], messages.payload.get(newest, _NO_PAYLOAD)
+            sample = MachineSample(messages.joints[newest], base, payload)
+            machine = observed_machine(name, self._specs[name], sample, base.velocity)
+            self._last[name] = newest, machine
             messages.drop_before(newest)
         return tuple(
             replace(machine, age=(tick - known) * tick_period)

@@ -12,10 +12,11 @@ from dig_operator.observation_builder import (
     TerrainSnapshot,
     observed_machine,
 )
+from dig_operator.observed_machine import ObservedMachine
 from earthmoving_sim.world import World
 from machine_sim.simulated_machine import SimulatedMachine
-from msg_bridge.codec.machine_state import BaseState, PayloadState
-from msg_bridge.codec.poses import odometry_round_trip
+from msg_bridge.codec.machine_state import BasePose, BaseState, PayloadState
+from msg_bridge.codec.poses import odometry_round_trip, pose_round_trip
 
 __all__ = ["MachineOperator", "OperatedMachine"]
 
@@ -57,13 +58,10 @@ class OperatedMachine:
         world = self._world
         return self._observation_builder.build(
             world.tick * self._tick_period,
-            _published_state(self._machine),
+            _sample(self._machine, pose_round_trip(*self._machine.machine.base_pose)),
             TerrainSnapshot(world.soil.grid, world.surface, world.soil.revision),
             world.ledger,
-            tuple(
-                observed_machine(name, each.machine.spec, _published_state(each))
-                for name, each in self._others.items()
-            ),
+            tuple([_observe(name, each) for name, each in self._others.items()]),
         )
 
     def observe_and_command(self, dt: float) -> None:
@@ -72,11 +70,18 @@ class OperatedMachine:
         self._machine.machine.command(command.joints, command.tracks)
 
 
-def _published_state(simulated: SimulatedMachine) -> MachineSample:
-    """Return the state of a machine as its messages have it."""
-    machine, payload = simulated.machine, simulated.payload
+def _observe(name: str, simulated: SimulatedMachine) -> ObservedMachine:
+    """Return another machine as its messages have it."""
+    machine = simulated.machine
+    base = odometry_round_trip(BaseState(*machine.base_pose, *machine.base_velocity))
+    return observed_machine(name, machine.spec, _sample(simulated, base), base.velocity)
+
+
+def _sample(simulated: SimulatedMachine, base: BasePose | BaseState) -> MachineSample:
+    """Return the state of a machine as its messages have it; its base is given."""
+    payload = simulated.payload
     return MachineSample(
-        machine.joint_positions,
-        odometry_round_trip(BaseState(*machine.base_pose, *machine.base_velocity)),
+        simulated.machine.joint_positions,
+        base,
         PayloadState(payload.bank_m3, payload.loose_m3, payload.mass_kg, payload.fill),
     )

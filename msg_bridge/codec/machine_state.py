@@ -26,6 +26,7 @@ from msg_bridge.contract.errors import ErrorCode
 
 __all__ = [
     "BASE_JOINTS",
+    "BasePose",
     "BaseState",
     "JointValues",
     "PayloadState",
@@ -50,6 +51,13 @@ _CYLINDER_FIELDS = ("length_m", "speed_m_s", "force_n", "cap_pa", "rod_pa")
 
 _MIN_COS_PITCH = 1e-9
 """Cosine of the pitch below which yaw and roll count as rotations about the same axis."""
+
+
+class BasePose(NamedTuple):
+    """Pose of `base_link`, map frame: the first part of `BaseState`."""
+
+    position: ArrayLike
+    quaternion: ArrayLike
 
 
 class BaseState(NamedTuple):

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from std_msgs.msg import Header
 
 from msg_bridge.codec.errors import CodecError
-from msg_bridge.codec.machine_state import BaseState
+from msg_bridge.codec.machine_state import BasePose, BaseState
 from msg_bridge.codec.rotations import rotation_matrix, unit_quaternion
 from msg_bridge.contract.errors import ErrorCode
 
@@ -39,6 +39,7 @@ __all__ = [
     "ToolWrench",
     "from_odometry",
     "odometry_round_trip",
+    "pose_round_trip",
     "to_odometry",
     "to_tf_message",
     "to_transforms",
@@ -112,6 +113,19 @@ def odometry_round_trip(base: BaseState) -> BaseState:
         CodecError: SHAPE or VALUE.
     """
     return _to_map_frame(*_to_base_frame(base))
+
+
+def pose_round_trip(position: ArrayLike, quaternion: ArrayLike) -> BasePose:
+    """Return the pose of `odometry_round_trip` for a base with this pose, without its velocities.
+
+    Raises:
+        CodecError: SHAPE or VALUE.
+    """
+    origin = _vector(position, "base position")
+    # Once where the message is encoded, once where it is decoded.
+    turn = unit_quaternion(unit_quaternion(quaternion))
+    _check_finite(origin.tolist())
+    return BasePose(origin, np.array(turn))
 
 
 def to_transforms(
@@ -215,11 +229,13 @@ def _to_map_frame(
     quaternion = unit_quaternion(quaternion)
     base_to_map = rotation_matrix(quaternion)
     velocity, angular_velocity = base_to_map.dot(linear), base_to_map.dot(angular)
-    if not all(
-        map(math.isfinite, (*position.tolist(), *velocity.tolist(), *angular_velocity.tolist()))
-    ):
-        raise CodecError("the odometry has values that are not finite", ErrorCode.VALUE)
+    _check_finite([*position.tolist(), *velocity.tolist(), *angular_velocity.tolist()])
     return BaseState(position, np.array(quaternion), velocity, angular_velocity)
+
+
+def _check_finite(values: list[float]) -> None:
+    if not all(map(math.isfinite, values)):
+        raise CodecError("the odometry has values that are not finite", ErrorCode.VALUE)
 
 
 def _vector(values: ArrayLike, what: str) -> Array:

@@ -15,6 +15,7 @@ from msg_bridge.codec.machine_state import BaseState
 from msg_bridge.codec.poses import (
     from_odometry,
     odometry_round_trip,
+    pose_round_trip,
     to_odometry,
     to_tf_message,
     to_transforms,
@@ -78,11 +79,16 @@ def test_round_trip_without_a_message_is_bitwise_equal():
         decoded = from_odometry(over_the_wire(to_odometry(base, "base_link", STAMP)))
         for part, wanted in zip(odometry_round_trip(base), decoded, strict=True):
             assert part.tobytes() == wanted.tobytes()
+        pose = pose_round_trip(base.position, base.quaternion)
+        for part, wanted in zip(pose, decoded[:2], strict=True):
+            assert part.tobytes() == wanted.tobytes()
 
 
 def test_round_trip_of_a_base_that_is_not_finite_is_rejected():
     with raises(ErrorCode.VALUE, CodecError):
         odometry_round_trip(driving(velocity=[0.0, math.nan, 0.0]))
+    with raises(ErrorCode.VALUE, CodecError):
+        pose_round_trip([0.0, math.nan, 0.0], YAW_90)
 
 
 def test_odometry_of_another_frame_is_rejected():
