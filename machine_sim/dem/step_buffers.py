@@ -12,6 +12,9 @@ from msg_bridge.kernels import BoxedTable, box_table
 
 __all__ = ["StepBuffers", "StepMemory"]
 
+_CACHE_LINE = 64
+"""Size of a cache line [bytes]: that of a record."""
+
 
 class StepMemory(NamedTuple):
     """Working memory of a step, for kernels.
@@ -53,11 +56,23 @@ class StepBuffers:
     def _allocate(self, count: int) -> None:
         self.capacity = count
         self.memory = StepMemory(
-            np.zeros((count, BODY_RECORD_SIZE), np.float32),
-            np.zeros((count, FORCE_RECORD_SIZE), np.float32),
+            _records(count, BODY_RECORD_SIZE),
+            _records(count, FORCE_RECORD_SIZE),
             np.zeros(count, np.int64),
             np.zeros(count, np.int64),
             np.zeros(count, np.int64),
             np.arange(count, dtype=np.int64),
         )
         self.boxed_memory: BoxedTable = box_table(self.memory)
+
+
+def _records(count: int, size: int) -> NDArray[np.float32]:
+    """Return zeroed records that start with a cache line, float32, shape (count, size).
+
+    NumPy aligns arrays to 16 bytes. A record in two cache lines instead of one costs a quarter of
+    the time of a step.
+    """
+    num_bytes = count * size * np.dtype(np.float32).itemsize
+    memory = np.zeros(num_bytes + _CACHE_LINE, np.uint8)
+    start = -memory.ctypes.data % _CACHE_LINE
+    return memory[start : start + num_bytes].view(np.float32).reshape(count, size)
