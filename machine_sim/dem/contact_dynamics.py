@@ -67,6 +67,7 @@ class ContactDynamics:
         self._boxed_params: dict[float, BoxedTable] = {}  # of the last length of a step
         self._buffers = StepBuffers()
         self._invalidation = Invalidation()
+        self._contacts_cleared = False
         self._num_growing = 0
 
     # Changes.
@@ -76,6 +77,7 @@ class ContactDynamics:
         if CONTACT_BLOCKS not in self._invalidation.stale:
             self.store_springs()
         self._invalidation.record(change)
+        self._contacts_cleared = False
         self.neighbour_list.is_stale |= NEIGHBOUR_LIST in self._invalidation.stale
 
     def store_springs(self) -> None:
@@ -142,12 +144,14 @@ class ContactDynamics:
     ) -> StepState:
         """Return what has changed since the last step, and the numbers of a step that has started.
 
-        Pair contacts that are stale are cleared where the neighbour list is valid.
+        Pair contacts that are stale are cleared where the neighbour list is valid: once, as they
+        remain stale while no particle moves.
         """
         stale = self._invalidation.stale
         rebuilds_contacts = CONTACT_BLOCKS in stale
-        if rebuilds_contacts and NEIGHBOUR_LIST not in stale:
+        if rebuilds_contacts and NEIGHBOUR_LIST not in stale and not self._contacts_cleared:
             self._pair_contacts.clear(self.neighbour_list.pairs)
+            self._contacts_cleared = True
         return StepState(
             started is not None,
             started.num_free if started else 0,
@@ -190,6 +194,7 @@ class ContactDynamics:
             self._invalidation.mark_rebuilt(NEIGHBOUR_LIST)
         elif started.todo == ROWS_NOT_LISTED:
             pairs.insert(state, tracked_rows, dt)
+        self._contacts_cleared = False
 
     def _make_room(self, num_free: int) -> None:
         """Make room for the contacts of a number of particles that move by forces."""
