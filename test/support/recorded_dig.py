@@ -30,7 +30,7 @@ from msg_bridge.codec.tick_headers import to_multi_array, with_stamp
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import RowChunk, SoilHeader, Stream
-from soil_sim.endpoint import SoilEndpoint
+from msg_bridge.exchange.soil_exchange import SoilExchange
 from soil_sim.terrain import HeightMap, rough
 from support.recorded_exchange import terrain_cloud
 from support.recorded_messages import Recording
@@ -59,15 +59,15 @@ class RecordedDig:
         self.recording = Recording()
         self._last_phase = ""
         self.max_published_particles = 0
-        drain_outbox = SoilEndpoint.drain_outbox
+        drain_outbox = SoilExchange.drain_outbox
 
-        def publish_and_drain(endpoint: SoilEndpoint) -> list:
-            messages = drain_outbox(endpoint)
+        def publish_and_drain(exchange: SoilExchange) -> list:
+            messages = drain_outbox(exchange)
             for message in messages:
-                self._publish_soil(message, endpoint.tick)
+                self._publish_soil(message, exchange.tick)
             return messages
 
-        monkeypatch.setattr(SoilEndpoint, "drain_outbox", publish_and_drain)
+        monkeypatch.setattr(SoilExchange, "drain_outbox", publish_and_drain)
         facts = RunFacts(1, TICK, False, 0.2, (LooseSoil(0.15),))
         self.recording.add("/sim/config", String(data=to_config_yaml(facts, {})))
         self.run = SingleProcessDig(load_run_config("demo.yaml", overrides), site)
