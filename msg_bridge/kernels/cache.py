@@ -2,28 +2,19 @@
 
 Numba's own cache is keyed by the file that a kernel is in. It does not detect a change in another
 file whose functions or constants the kernel uses, and would run the old machine code. Here the key
-of a kernel is a digest of the Python bytecode of its module and of all modules of this project that
-it imports, directly or indirectly. Comments, docstrings and line numbers are not part of it, so
-editing prose does not recompile anything.
+of a kernel is a digest of the code of its module and of all that it imports; see `CodeDigests`.
 """
 
 from __future__ import annotations
 
 import fcntl
 import hashlib
-import importlib.util
-import os
-import pkgutil
-import sys
 import tempfile
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
-from importlib.machinery import ModuleSpec
 from pathlib import Path
-from types import CodeType
 from typing import Any
 
-import numba
 from numba import types
 from numba.core.caching import (
     CompileResultCacheImpl,
@@ -35,10 +26,11 @@ from numba.core.caching import (
 )
 from numba.core.runtime.nrt import rtsys
 
+from msg_bridge.kernels.code_digests import CodeDigests
 from msg_bridge.kernels.compilation import kernel_state
 from msg_bridge.kernels.linking_bitcode import parse_when_linked
 
-__all__ = ["CodeDigests", "KernelFiles", "cached"]
+__all__ = ["KernelFiles", "cached"]
 
 
 def cached(kernel: Any) -> Any:
@@ -47,141 +39,6 @@ def cached(kernel: Any) -> Any:
     if not kernel.targetoptions.get("parallel"):  # these are for an option: more than one thread
         kernel_state.kernels[kernel._cache.kernel_name] = kernel._cache.cache_path
     return kernel
-
-
-class CodeDigests:
-    """Digests of modules together with the modules they import, within some packages.
-
-    Every module is read once: changes of files after that are not detected.
-    """
-
-    def __init__(self, packages: Collection[str]) -> None:
-        """
-        Args:
-            packages: names of the top-level packages whose modules count; those of installed
-                libraries are identified by the Numba version alone.
-        """
-        self._packages = frozenset(packages)
-        self._codes: dict[str, CodeType | None] = {}
-        self._imported: dict[str, set[str]] = {}
-        self._submodules: dict[str, set[str]] = {}
-        self._own_digests: dict[str, bytes] = {}
-        self._digests: dict[str, bytes] = {}
-
-    def digest(self, module: str) -> bytes:
-        """Return the SHA-256 of the bytecode of a module and of all modules it imports."""
-        if module not in self._digests:
-            self._digests[module] = self._compute_digest(module)
-        return self._digests[module]
-
-    def _compute_digest(self, module: str) -> bytes:
-        digest = hashlib.sha256(numba.__version__.encode())
-        for name in sorted(self._import_closure(module)):
-            digest.update(name.encode())
-            digest.update(self._own_digest(name))
-        return digest.digest()
-
-    def _import_closure(self, module: str) -> set[str]:
-        closure: set[str] = set()
-        pending = [module]
-        while pending:
-            name = pending.pop()
-            if name not in closure:
-                closure.add(name)
-                pending += self._imports(name)
-        return closure
-
-    def _imports(self, module: str) -> set[str]:
-        """Return the modules that a module imports anywhere in it."""
-        if module not in self._imported:
-            code = self._code(module)
-            names = set() if code is None else _names_in(code)
-            dotted = {name for name in names if name.partition(".")[0] in self._packages}
-            # In `from package import module` the bytecode names the module without its package.
-            dotted |= {
-                f"{package}.{name}"
-                for package in dotted
-                for name in self._submodules_of(package) & names
-            }
-            self._imported[module] = {name for name in dotted if self._code(name) is not None}
-        return self._imported[module]
-
-    def _submodules_of(self, package: str) -> set[str]:
-        """Return the names of the modules in the folder of a package; none for other names."""
-        if package not in self._submodules:
-            spec = _find_spec(package)
-            folders = (spec and spec.submodule_search_locations) or ()
-            self._submodules[package] = {each.name for each in pkgutil.iter_modules(folders)}
-        return self._submodules[package]
-
-    def _code(self, module: str) -> CodeType | None:
-        if module not in self._codes:
-            self._codes[module] = _load_code(module)
-        return self._codes[module]
-
-    def _own_digest(self, module: str) -> bytes:
-        if module not in self._own_digests:
-            digest, code = hashlib.sha256(), self._code(module)
-            if code is not None:
-                _add_code(digest, code)
-            else:  # a script or a test, which cannot be imported by name
-                file = getattr(sys.modules.get(module), "__file__", None)
-                digest.update(Path(file).read_bytes() if file else os.urandom(32))
-            self._own_digests[module] = digest.digest()
-        return self._own_digests[module]
-
-
-def _load_code(module: str) -> CodeType | None:
-    """Return the bytecode of a module, from its `.pyc` file if that is current; None if it has
-    none."""
-    spec = _find_spec(module)
-    loader: Any = spec.loader if spec else None
-    try:
-        code: CodeType | None = loader.get_code(module)
-    except (ImportError, AttributeError):
-        return None
-    return code
-
-
-def _find_spec(module: str) -> ModuleSpec | None:
-    """Return where a module is imported from; None for a script, or if there is no such module."""
-    try:
-        return importlib.util.find_spec(module)
-    except (ImportError, AttributeError, ValueError):
-        return None
-
-
-def _names_in(code: CodeType) -> set[str]:
-    names = set(code.co_names)
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            names |= _names_in(constant)
-    return names
-
-
-def _add_code(digest: Any, code: CodeType) -> None:
-    """Add everything that determines the behaviour of code: of strings, only those without spaces.
-
-    A string with a space is prose, as docstrings are; one without may be a name.
-    """
-    digest.update(repr((code.co_code, code.co_names, code.co_varnames, code.co_freevars)).encode())
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            _add_code(digest, constant)
-        elif not (isinstance(constant, str) and " " in constant):
-            digest.update(_canonical(constant).encode())
-
-
-def _canonical(constant: Any) -> str:
-    """Return a text of a constant that is the same in every process.
-
-    The order of a set of strings depends on the hash seed of the process.
-    """
-    if isinstance(constant, frozenset):
-        return f"frozenset({sorted(map(_canonical, constant))})"
-    if isinstance(constant, tuple):
-        return f"tuple({[_canonical(each) for each in constant]})"
-    return repr(constant)
 
 
 _DIGESTS = CodeDigests({"soil_sim", "machine_sim", "msg_bridge"})

@@ -6,20 +6,20 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from numba import njit
 
 from machine_sim.machine.rotated_vectors import rotate_to_frame, rotate_to_map
+from msg_bridge.kernels import kernel
 
 MATRICES = np.random.default_rng(3).normal(size=(200, 3, 3))
 VECTOR = (0.7, -1.3, 2.9)
 
 
-@njit  # not cached: the key of a kernel in a test lacks the modules that it imports
+@kernel
 def _to_map(matrix, x, y, z):  # type: ignore[no-untyped-def]
     return rotate_to_map(matrix, x, y, z)
 
 
-@njit  # not cached: the key of a kernel in a test lacks the modules that it imports
+@kernel
 def _to_frame(matrix, x, y, z):  # type: ignore[no-untyped-def]
     return rotate_to_frame(matrix, x, y, z)
 

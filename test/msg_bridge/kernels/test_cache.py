@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from msg_bridge.kernels.cache import CodeDigests, KernelFiles
+from msg_bridge.kernels.cache import KernelFiles
+from msg_bridge.kernels.code_digests import CodeDigests
 
 _PACKAGE_NUMBERS = itertools.count()
 
@@ -117,12 +118,13 @@ print(double(Point(1.5)))
 """
 
 
-def run_script(folder: Path, source: str) -> str:
+def run_script(folder: Path, source: str, *, as_module: bool = True) -> str:
     """Run a script in a process with a kernel cache in the folder; return its output."""
     (folder / "script.py").write_text(source)
     root = Path(__file__).parents[3]
+    arguments = ["-c", "import script"] if as_module else [str(folder / "script.py")]
     done = subprocess.run(
-        [sys.executable, "-c", "import script"],
+        [sys.executable, *arguments],
         env={**os.environ, "PYTHONPATH": f"{folder}:{root}", "NUMBA_CACHE_DIR": str(folder)},
         capture_output=True,
         text=True,
@@ -134,6 +136,34 @@ def run_script(folder: Path, source: str) -> str:
 def test_cache_entry_with_a_type_that_was_renamed_is_compiled_again(tmp_path):
     for source in (POINT, POINT.replace("Point", "Position")):
         assert run_script(tmp_path, source) == "3.0\n"
+
+
+SCRIPT = """\
+from factors import get_factor
+from msg_bridge.kernels import kernel
+
+@kernel
+def multiply(x):
+    return get_factor() * x
+
+print(multiply(1.5))
+"""
+FACTORS = """\
+from msg_bridge.kernels import kernel
+from constants import FACTOR
+
+@kernel
+def get_factor():
+    return FACTOR
+"""
+
+
+@pytest.mark.parametrize("as_module", [True, False], ids=["module", "script"])
+def test_kernel_outside_the_packages_runs_the_present_code_of_what_it_imports(tmp_path, as_module):
+    (tmp_path / "factors.py").write_text(FACTORS)
+    for factor, result in ((2.0, "3.0\n"), (10.0, "15.0\n")):
+        (tmp_path / "constants.py").write_text(f"FACTOR = {factor}")
+        assert run_script(tmp_path, SCRIPT, as_module=as_module) == result
 
 
 SPAN = """\

@@ -3,13 +3,13 @@
 import math
 
 import pytest
-from numba import njit
 from support.limit_state import curved_failure_ratio, exact_resistance
 
+from msg_bridge.kernels import kernel
 from soil_sim.tool_force.curved_failure import curved_failure_factor
 
 
-@njit  # not cached: the key of a kernel in a test lacks the modules that it imports
+@kernel
 def factor(rake, phi, delta):
     return curved_failure_factor(math.radians(rake), math.radians(phi), math.radians(delta))
 
