@@ -78,7 +78,8 @@ class SendBuffer:
         self._machine_id = machine_id
         self._dtype = STREAM_DTYPE[stream]
         self._kept_rows: deque[NumberedRows] = deque()
-        self._none = self._none_from(first)
+        self._next = first  # number of the next row
+        self._none: NumberedRows | None = None  # no rows, where that one is the next
 
     @property
     def is_empty(self) -> bool:
@@ -97,11 +98,13 @@ class SendBuffer:
             ValueError: the rows are of another dtype.
         """
         count = rows.size
+        first = self._next
         if count == 0:  # as in most ticks of most streams
+            if self._none is None:
+                self._none = NumberedRows(no_rows(self._dtype), RowRange(first))
             return self._none
-        if not _are_equal(rows.dtype, self._dtype):
+        if rows.dtype is not self._dtype and not _are_equal(rows.dtype, self._dtype):
             raise ValueError(f"rows of {rows.dtype} were given where {self._dtype} is required")
-        first = self._none.span.first
         # NumPy copies structured arrays field by field, which takes longer than all of this.
         data = bytearray(rows.tobytes())
         copy: Rows = np.frombuffer(data, self._dtype)
@@ -110,7 +113,7 @@ class SendBuffer:
             copy["machine_id"] = self._machine_id
         numbered = NumberedRows(copy, SentRange.of(first, count, bytes(data)), self._machine_id)
         self._kept_rows.append(numbered)
-        self._none = self._none_from(first + count)
+        self._next, self._none = first + count, None
         return numbered
 
     def kept_rows(self, wanted: RowRange) -> Rows:
@@ -126,10 +129,6 @@ class SendBuffer:
         """Discard each batch of rows that ends with row `through` or before."""
         while self._kept_rows and self._kept_rows[0].span.last <= through:
             self._kept_rows.popleft()
-
-    def _none_from(self, first: int) -> NumberedRows:
-        """Return no rows, where row `first` is the next one."""
-        return NumberedRows(no_rows(self._dtype), RowRange(first))
 
 
 class ReceiveBuffer:
