@@ -22,6 +22,7 @@ from msg_bridge.codec.errors import CodecError
 from msg_bridge.contract.errors import ErrorCode, ParameterError
 from msg_bridge.contract.input_files import InputFile
 from msg_bridge.contract.loose_soil import LooseSoil
+from msg_bridge.source_digest import source_digest
 from msg_bridge.yaml_text import load_yaml
 
 __all__ = [
@@ -93,8 +94,12 @@ class SoilKind:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of the software that determines the result of a run, by name."""
-    return {"python": platform.python_version(), **{name: _version(name) for name in _PACKAGES}}
+    """Return the versions of the software that determines the result of a run, by name.
+
+    `source` is the digest of the source of this software, which changes between releases.
+    """
+    packages = {name: _version(name) for name in _PACKAGES}
+    return {"python": platform.python_version(), **packages, "source": source_digest()}
 
 
 def _version(package: str) -> str:

@@ -75,7 +75,7 @@ def test_sections_are_plain_yaml() -> None:
 def test_configuration_has_the_versions_of_the_software() -> None:
     content = yaml.safe_load(to_config_yaml(FACTS, {}))
     assert content["versions"] == versions()
-    assert {"python", "earthmoving_sim", "numpy", "numba", "pybullet"} <= set(versions())
+    assert {"python", "earthmoving_sim", "numpy", "numba", "pybullet", "source"} <= set(versions())
     assert versions()["numpy"].split(".")[0].isdigit()
 
 
