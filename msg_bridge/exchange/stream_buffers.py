@@ -298,7 +298,7 @@ class ReceiveBuffer:
         self.expected = through + 1
         while self._ready and self._ready[0][0].size <= drop:
             drop -= self._ready.popleft()[0].size
-        if self._ready:
+        if self._ready and drop:
             self._ready[0] = self._ready[0][0][drop:], None
         if through > self.received:
             self.received = through

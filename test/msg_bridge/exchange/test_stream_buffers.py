@@ -155,6 +155,17 @@ def test_rows_modified_after_they_were_sent_are_rejected() -> None:
         incoming.checked_rows(numbered.span)
 
 
+def test_rows_that_were_sent_in_this_process_need_no_digest() -> None:
+    incoming, sent = ReceiveBuffer(Stream.DEPOSIT_REQUEST), SendBuffer(Stream.DEPOSIT_REQUEST)
+    batches = [sent.append(empty_rows(DEPOSIT_REQUEST, 3)) for _ in range(2)]
+    for batch in batches:  # as a machine, which receives an answer before it discards another
+        incoming.add(batch.rows, batch)
+    for batch in batches:
+        assert incoming.checked_rows(batch.span) is batch.rows
+        incoming.discard_through(batch.span.last)
+        assert "digest" not in vars(batch.span)
+
+
 def test_rows_are_checked_where_others_were_sent() -> None:
     numbered = SendBuffer(Stream.DEPOSIT_REQUEST, machine_id=1).append(
         empty_rows(DEPOSIT_REQUEST, 3)
