@@ -8,9 +8,10 @@ swings it through the ground at full lever. `stop` digs, and stops all levers wh
 filled in part. `joystick` moves each lever at random from end to end.
 
 Prints a row for each run: the maximum fill; the speed of the fastest particle in excess of 1.5
-times that of the fastest point of the tool and of the free fall from its highest point in the last
-two seconds; the largest force of the particles and of the ground on the tool, the latter upward
-where the boom lifts the tracks and the machine stands on its bucket; the soil cut.
+times that of the fastest point of the tool and of the free fall from the highest point of the tool
+and of the soil in the last two seconds (its heap is higher than the bucket, and soil that falls
+hits other soil); the largest force of the particles and of the ground on the tool, the latter
+upward where the boom lifts the tracks and the machine stands on its bucket; the soil cut.
 """
 
 from __future__ import annotations
@@ -147,6 +148,7 @@ class LeverRun:
         self._velocities = np.array([spec.joints[name].max_velocity for name in spec.joint_names])
         self._capacity = spec.bucket.heaped_capacity
         self._key_points = self.sim.tool_coupling.key_points_at(0)
+        # Speed of the tool [m/s]; highest point of tool and soil [m].
         self._tool_motion: deque[tuple[float, float]] = deque(maxlen=WINDOW_TICKS)
 
     def _soil_params(self) -> SoilParams:
@@ -186,7 +188,8 @@ class LeverRun:
         outcome.seconds += tick
         before, self._key_points = self._key_points, coupling.key_points_at(0)
         speed = float(np.linalg.norm(self._key_points - before, axis=1).max()) / tick
-        self._tool_motion.append((speed, float(self._key_points[:, 2].max())))
+        heights = np.append(self._key_points[:, 2], sim.particles.positions[:, 2])
+        self._tool_motion.append((speed, float(heights.max())))
         outcome.max_fill = max(outcome.max_fill, sim.payload.fill)
         swell = 1.0 + sim.particles.soils[0].swell
         held = sim.pending_mm3 + sim.particles.total_volume_mm3
