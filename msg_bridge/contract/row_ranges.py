@@ -79,6 +79,10 @@ class SentRange(RowRange):
         """Digest of the rows."""
         return bytes_digest(self.memory)
 
+    def __reduce__(self) -> tuple[type[RowRange], tuple[int, int, int]]:
+        """Pickle a range with its digest: a saved state has the rows themselves once at most."""
+        return RowRange, (self.first, self.count, self.digest)
+
 
 class NumberedRows(NamedTuple):
     """Rows as they are sent, with what is known of them.

@@ -1,5 +1,6 @@
 """Rows are delivered once and in order, and discarded ones are not kept."""
 
+import pickle
 import weakref
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.wire import raises
 
+from msg_bridge.checkpoint.state_pickle import dump_state, load_state
 from msg_bridge.contract.errors import ErrorCode
 from msg_bridge.contract.messages import RowRange, Stream
 from msg_bridge.contract.rows import DEPOSIT_REQUEST, SWEEP, empty_rows
@@ -186,3 +188,14 @@ def test_digest_of_sent_rows_is_that_of_their_memory(count: int) -> None:
     sent.rows["volume_mm3"] = 7
     assert sent.span.digest == digest != row_digest(sent.rows)
     assert sent.span == RowRange(1, count) == replace(sent.span, digest=0)
+
+
+def test_saved_range_has_the_digest_and_not_the_rows() -> None:
+    rows = empty_rows(DEPOSIT_REQUEST, 300)
+    sent, incoming = SendBuffer(Stream.DEPOSIT_REQUEST), ReceiveBuffer(Stream.DEPOSIT_REQUEST)
+    numbered = sent.append(rows)
+    incoming.add(numbered.rows, numbered)
+    assert len(pickle.dumps(numbered.span)) < rows.nbytes / 10
+    span, loaded = load_state(dump_state((numbered.span, incoming)))
+    assert (span, span.digest) == (numbered.span, numbered.span.digest)
+    assert np.array_equal(loaded.checked_rows(span), numbered.rows)
