@@ -17,11 +17,17 @@ _Dataclass = TypeVar("_Dataclass")
 def quick_init(of: type[_Dataclass]) -> type[_Dataclass]:
     """Give a frozen dataclass a constructor with the same parameters that takes less time.
 
-    Its fields must have no default factories, and it no `__post_init__` and no slots.
+    Raises:
+        TypeError: the class has a `__post_init__` or slots, or a field with a default factory or
+            without a parameter: this constructor would ignore them.
     """
+    if hasattr(of, "__post_init__") or "__slots__" in vars(of):
+        raise TypeError(f"{of.__name__} has a __post_init__ or slots, which quick_init ignores")
     defaults: dict[str, Any] = {}
     parameters, names = [], []
     for field in fields(of):  # type: ignore[arg-type]
+        if field.default_factory is not MISSING or not field.init:
+            raise TypeError(f"quick_init makes no constructor for the field {field.name}")
         names.append(field.name)
         if field.default is MISSING:
             parameters.append(field.name)

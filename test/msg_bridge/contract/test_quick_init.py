@@ -31,3 +31,23 @@ def test_fields_cannot_be_set() -> None:
 def test_parameters_are_checked() -> None:
     with pytest.raises(TypeError, match="missing 1 required"):
         Point()  # type: ignore[call-arg]
+
+
+class WithPostInit:
+    def __post_init__(self) -> None:
+        raise ValueError
+
+
+class WithFactory:
+    numbers: list[int] = field(default_factory=list)
+
+
+@pytest.mark.parametrize("kind", [WithPostInit, WithFactory])
+def test_classes_of_which_the_constructor_would_ignore_something_are_rejected(kind) -> None:
+    with pytest.raises(TypeError, match="quick_init"):
+        quick_init(dataclass(frozen=True)(kind))
+
+
+def test_classes_with_slots_are_rejected() -> None:
+    with pytest.raises(TypeError, match="slots"):
+        quick_init(dataclass(frozen=True, slots=True)(type("Slotted", (), {})))
