@@ -58,12 +58,12 @@ class BorderLink:
         """
         received = []
         for stream, of_stream in zip(_STREAMS, rows, strict=True):
-            numbered, span, *_ = self._sent[stream].append(of_stream)
-            self._receive(stream, numbered)
-            while missing := self._received[stream].missing(span):
+            sent = self._sent[stream].append(of_stream)
+            self._receive(stream, sent.rows)
+            while missing := self._received[stream].missing(sent.span):
                 for gap in missing:
                     self._receive(stream, self._sent[stream].kept_rows(gap))
-            received.append(self._take(stream, span))
+            received.append(self._take(stream, sent.span))
         return BorderRows(*received)
 
     def _receive(self, stream: Stream, rows: Rows) -> None:
