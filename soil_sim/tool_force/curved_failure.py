@@ -25,8 +25,8 @@ the force and the fan underestimates it, and with L = ln(N / K)
 
 is within 4 % of the exact one (root mean square 1 %) for phi from 10 to 55 deg, delta from 0 to phi
 and rho up to 130 deg. It is 1 for v <= 0, as on faces of 60 deg and less on which friction is at
-most two thirds of that of the soil; 0.95 and 0.78 at 75 and 90 deg in soil of 35 deg, and 0.46 at
-90 deg if the face is as rough as the soil.
+most half of that of the soil. In soil of 35 deg with friction of two thirds of that on the face it
+is 0.95 and 0.78 at 75 and 90 deg, and 0.47 at 90 deg if the face is as rough as the soil.
 
 The factor of cohesionless soil below a level surface is taken for all soil. Below a surface that
 falls ahead, the rake is that to the surface; below one that rises, that to the horizontal, so that
