@@ -40,6 +40,26 @@ class PairDirections(NamedTuple):
     between: NDArray[np.int64]
 
 
+class _Scratch(NamedTuple):
+    """What the passes over a window keep. Times are numbers of steps; a step relaxes one half.
+
+    Attributes:
+        moved_at: step in which soil moved last in each row, -1 for never, shape (rows,), int64.
+        relaxed_at: step in which each half of the pairs of each direction was relaxed last, -1 for
+            never, shape (2 directions,), int64.
+        heights_before: heights of the columns of retained pairs, shape (pairs, 2), float32.
+        is_first: 1 for the first columns of the pairs of each half within a row, and 0 for all
+            others, shape (2 directions * padded cols,), float32.
+        transfers: what the columns of a row give, shape (padded cols,), float32.
+    """
+
+    moved_at: NDArray[np.int64]
+    relaxed_at: NDArray[np.int64]
+    heights_before: NDArray[np.float32]
+    is_first: NDArray[np.float32]
+    transfers: NDArray[np.float32]
+
+
 def pair_directions(
     neighbours: NDArray[np.int64], cell: float, tolerance: float, *, is_uniform: bool = True
 ) -> PairDirections:
@@ -95,12 +115,18 @@ def relax_passes(heights, surface, directions, retained, num_done, max_passes): 
     """
     flat, progress = heights.reshape(-1), (num_done, max_passes)
     if surface.is_uniform and surface.is_bottomless:
-        # The same numbers as below, in half of the time: without layers that change nothing.
+        # The same numbers as below, in less time: without layers that change nothing.
         return _relax_passes(
             (flat, None, None), heights.shape, surface.num_cols, directions,
             surface.tangent * directions.distance, retained, progress,
         )  # fmt: skip
-    layers = (flat, surface.floor.reshape(-1), surface.tangents.reshape(-1))
+    tangents = surface.tangents.reshape(-1)
+    if surface.is_bottomless:
+        return _relax_passes(
+            (flat, None, tangents), heights.shape, surface.num_cols, directions,
+            directions.distance, retained, progress,
+        )  # fmt: skip
+    layers = (flat, surface.floor.reshape(-1), tangents)
     return _relax_passes(
         layers, heights.shape, surface.num_cols, directions, directions.distance, retained, progress
     )
@@ -112,7 +138,7 @@ def _relax_passes(layers, shape, num_cols, directions, distance, retained, progr
 
     Args:
         layers: (heights, floor, tangents), see `WindowSurface`, flat; the heights are changed. With
-            None for floor and tangents, the whole surface has one tangent and no floor.
+            None for floor or tangents, the whole surface has no floor, or one tangent.
         shape: rows and padded columns of the layers.
         num_cols: number of columns without those that pad the rows.
         directions, retained: see `relax_passes`.
@@ -120,29 +146,48 @@ def _relax_passes(layers, shape, num_cols, directions, distance, retained, progr
             tangents, the drop between them that is stable [m].
         progress: (`num_done`, `max_passes`) of `relax_passes`.
     """
-    # Times are numbers of steps; in a step, one half of the pairs of a direction is relaxed.
-    moved_at = np.zeros(shape[0], np.int64)
-    relaxed_at = np.full(2 * distance.size, -1, np.int64)
+    halves = 2 * distance.size
+    scratch = _Scratch(
+        np.full(shape[0], -1, np.int64),
+        np.full(halves, -1, np.int64),
+        np.empty((retained.cells.shape[0], 2), np.float32),
+        _first_columns(directions.offsets, shape[1]),
+        np.empty(shape[1], np.float32),
+    )
     num_done, max_passes = progress
-    step = 0
     for n in range(max_passes):
         ramp = min((num_done + n) / _RAMP_PASSES, 1.0)
         fraction = np.float32(_INITIAL_FRACTION + (_FINAL_FRACTION - _INITIAL_FRACTION) * ramp)
         has_moved = _relax_pass(
             layers, shape, num_cols, directions, distance, retained, fraction,
-            (num_done + n) % 2 == 1, moved_at, relaxed_at, step,
+            (num_done + n) % 2 == 1, scratch, n * halves,
         )  # fmt: skip
         if not has_moved:
             return False, n + 1
-        step += relaxed_at.size
     return True, max_passes
 
 
 @helper(allocates=True)
+def _first_columns(offsets, stride):  # type: ignore[no-untyped-def]
+    """Return `_Scratch.is_first` for directions by their `offsets` and rows of `stride` columns."""
+    is_first = np.empty(2 * offsets.shape[0] * stride, np.float32)
+    for k in range(offsets.shape[0]):
+        di, dj = offsets[k, 0], offsets[k, 1]
+        if di == 0:
+            for half in range(2):
+                mark, remaining = np.float32(1 - half), dj
+                for j in range(stride):
+                    if remaining == 0:
+                        mark, remaining = np.float32(1.0) - mark, dj
+                    is_first[(2 * k + half) * stride + j] = mark
+                    remaining -= 1
+    return is_first
+
+
+@helper
 def _relax_pass(  # type: ignore[no-untyped-def]
-    layers, shape, num_cols, directions, distance, retained, fraction, backward, moved_at,
-    relaxed_at, step,
-):  # fmt: skip
+    layers, shape, num_cols, directions, distance, retained, fraction, backward, scratch, step
+):
     """Relax all pairs of a window once, in every direction.
 
     The whole width of padded rows is relaxed, for vector instructions: no soil moves to or from the
@@ -152,78 +197,105 @@ def _relax_pass(  # type: ignore[no-untyped-def]
         layers, shape, num_cols, directions, distance, retained: see `_relax_passes`.
         fraction: fraction of the excess that the higher column gives, float32.
         backward: whether to take the directions in reverse order.
-        moved_at: step in which soil moved last in each row, shape (rows,); updated.
-        relaxed_at: step in which each half of the pairs of each direction was relaxed last, -1 for
-            never, shape (2 directions,); updated.
+        scratch: `_Scratch`.
         step: number of the first step of the pass.
 
     Returns:
         Whether any soil moved.
     """
-    heights = layers[0]
-    rows, stride = shape
+    heights, relaxed_at, starts = layers[0], scratch.relaxed_at, retained.starts
     count = distance.size
     has_moved = False
-    heights_before = np.empty((retained.cells.shape[0], 2), np.float32)
-    is_in_half, transfers = np.empty(stride, np.float32), np.empty(stride, np.float32)
-    width = np.uint64(relaxed_cols(num_cols))
+    width = relaxed_cols(num_cols)
     for n in range(count):
         k = count - 1 - n if backward else n
         di, dj = directions.offsets[k, 0], directions.offsets[k, 1]
-        if di >= rows or abs(dj) >= num_cols:
+        if di >= shape[0] or abs(dj) >= num_cols:
             continue
         limit = (distance[k], directions.tolerance[k], fraction)
         # No column is in two pairs at a time: one half of the pairs, then the other half.
-        for half in range(2):
-            last = relaxed_at[2 * k + half]
-            relaxed_at[2 * k + half] = step
-            group = retained.cells[
-                retained.starts[2 * k + half] : retained.starts[2 * k + half + 1]
-            ]
-            _level(heights, group, heights_before)
-            if di == 0:
-                _in_half(is_in_half, dj, half)
-                first_of_half, run = 0, rows
-            else:
-                first_of_half, run = half * di, di
-            for first in range(first_of_half, rows - di, 2 * run):
-                for i in range(first, min(first + run, rows - di)):
-                    if max(moved_at[i], moved_at[i + di]) < last:
-                        continue
-                    a, b = np.uint64(i * stride), np.uint64((i + di) * stride + dj)
-                    if di == 0:
-                        moved = _relax_within_row(layers, a, b, width, limit, is_in_half, transfers)
-                    else:
-                        moved = _relax_between_rows(layers, a, b, width, limit)
-                    if moved:
-                        has_moved = True
-                        moved_at[i] = moved_at[i + di] = step
-            for m in range(group.shape[0]):
+        for half in range(2 * k, 2 * k + 2):
+            last = relaxed_at[half]
+            relaxed_at[half] = step
+            first, end = starts[half], starts[half + 1]
+            _level(heights, retained.cells, first, end, scratch.heights_before)
+            has_moved |= _relax_half(layers, shape, width, di, dj, half, limit, scratch, last, step)
+            for m in range(first, end):
                 for end_of_pair in range(2):
-                    heights[group[m, end_of_pair]] = heights_before[m, end_of_pair]
+                    heights[retained.cells[m, end_of_pair]] = scratch.heights_before[m, end_of_pair]
             step += 1
     return has_moved
 
 
 @helper
-def _level(heights, pairs, heights_before):  # type: ignore[no-untyped-def]
-    """Level the columns of pairs, so that no soil moves between them, and keep their heights."""
-    for m in range(pairs.shape[0]):
-        for end in range(2):
-            heights_before[m, end] = heights[pairs[m, end]]
-    for m in range(pairs.shape[0]):
+def _level(heights, pairs, first, end, heights_before):  # type: ignore[no-untyped-def]
+    """Level the columns of some pairs, so that no soil moves between them; keep their heights."""
+    for m in range(first, end):
+        for end_of_pair in range(2):
+            heights_before[m, end_of_pair] = heights[pairs[m, end_of_pair]]
+    for m in range(first, end):
         heights[pairs[m, 0]] = heights[pairs[m, 1]] = np.float32(0.0)
 
 
 @helper
-def _in_half(is_in_half, dj, half):  # type: ignore[no-untyped-def]
-    """Write 1 for the first columns of the pairs of a half in a row, and 0 for all others."""
-    mark, remaining = np.float32(1 - half), dj
-    for j in range(is_in_half.size):
-        if remaining == 0:
-            mark, remaining = np.float32(1.0) - mark, dj
-        is_in_half[j] = mark
-        remaining -= 1
+def _relax_half(layers, shape, width, di, dj, half, limit, scratch, last, step):  # type: ignore[no-untyped-def]
+    """Relax one half of the pairs of a direction, unless their rows are as they were before.
+
+    Args:
+        layers, shape: see `_relax_passes`.
+        width: number of pairs in a row.
+        di, dj: rows and columns from a column to its partner.
+        half: number of the half, among those of all directions.
+        limit: see `_transfer`.
+        scratch: `_Scratch`.
+        last, step: steps in which the half was relaxed last, and in which it is now.
+
+    Returns:
+        Whether any soil moved.
+    """
+    moved_at = scratch.moved_at
+    has_moved = False
+    # Unsigned, see `msg_bridge.kernels.decorators`.
+    stride, num_pairs, row_step = np.uint64(shape[1]), np.uint64(width), np.uint64(di)
+    end = np.uint64(shape[0] - di)
+    first = row_step * np.uint64(half % 2)
+    run = row_step if di > 0 else end
+    marks = np.uint64(half) * stride
+    while first < end:
+        for i in range(first, min(first + run, end)):
+            to = i + row_step
+            if moved_at[i] < last and moved_at[to] < last:
+                continue
+            a, b = i * stride, to * stride + np.uint64(dj)
+            # In most rows nothing moves, which takes half of the time to find out.
+            if not _is_any_steep(layers[0], layers[2], a, b, num_pairs, limit):
+                continue
+            if di == 0:
+                moved = _relax_within_row(layers, a, b, num_pairs, limit, scratch, marks)
+            else:
+                moved = _relax_between_rows(layers, a, b, num_pairs, limit)
+            if moved:
+                has_moved = True
+                moved_at[i] = moved_at[to] = step
+        first += np.uint64(2) * run
+    return has_moved
+
+
+@helper(forceinline=True)
+def _is_any_steep(heights, tangents, a, b, width, limit):  # type: ignore[no-untyped-def]
+    """Return whether any pair of two rows has an excess that `_transfer` would relax.
+
+    The result is a boolean, here and below: `|` of integers of 32 bits gives one of 64 in Numba,
+    for which the vector instructions would take half as many columns at once.
+
+    Args:
+        heights, tangents: layers of `_relax_passes`.
+        a, b, width, limit: see `_relax_between_rows`.
+    """
+    is_any = False
+    for n in range(width):
+        is_any |= _excess(heights, tangents, a + n, b + n, limit[0]) > limit[1]
+    return is_any
 
 
 @helper(forceinline=True)
@@ -239,35 +311,36 @@ def _relax_between_rows(layers, a, b, width, limit):  # type: ignore[no-untyped-
         limit: see `_transfer`.
 
     Returns:
-        Whether any soil moved, int32.
+        Whether any soil moved.
     """
-    heights, has_moved = layers[0], np.int32(0)
+    heights, has_moved = layers[0], False
     for n in range(width):
         change = _transfer(*layers, a + n, b + n, limit)
-        has_moved |= np.int32(change != np.float32(0.0))
+        has_moved |= change != np.float32(0.0)
         heights[a + n] -= change
         heights[b + n] += change
     return has_moved
 
 
 @helper(forceinline=True)
-def _relax_within_row(layers, a, b, width, limit, is_in_half, transfers):  # type: ignore[no-untyped-def]
+def _relax_within_row(layers, a, b, width, limit, scratch, marks):  # type: ignore[no-untyped-def]
     """Relax the pairs of columns in a row of which the first ones are marked.
 
     The transfers of all columns are computed, for vector instructions, and those of the pairs used.
 
     Args:
         layers, a, b, width, limit: see `_relax_between_rows`.
-        is_in_half: see `_in_half`.
-        transfers: scratch.
+        scratch: `_Scratch`; its transfers are changed.
+        marks: index of the first of the marks of the columns among `_Scratch.is_first`.
 
     Returns:
-        Whether any soil moved, int32.
+        Whether any soil moved.
     """
-    heights, has_moved = layers[0], np.int32(0)
+    heights, is_first, transfers = layers[0], scratch.is_first, scratch.transfers
+    has_moved = False
     for n in range(width):
-        change = is_in_half[n] * _transfer(*layers, a + n, b + n, limit)
-        has_moved |= np.int32(change != np.float32(0.0))
+        change = is_first[marks + n] * _transfer(*layers, a + n, b + n, limit)
+        has_moved |= change != np.float32(0.0)
         transfers[n] = change
     for n in range(width):
         heights[a + n] -= transfers[n]
@@ -289,10 +362,7 @@ def _transfer(heights, floor, tangents, x, y, limit):  # type: ignore[no-untyped
     stable_drop, tolerance, fraction = limit
     zero = np.float32(0.0)
     drop = heights[x] - heights[y]
-    if tangents is not None:  # when compiled
-        tangent_x, tangent_y = tangents[x], tangents[y]
-        stable_drop *= tangent_x if drop > zero else tangent_y
-    excess = abs(drop) - stable_drop
+    excess = _excess(heights, tangents, x, y, stable_drop)
     transfer = fraction * excess
     if floor is not None:
         available_x, available_y = heights[x] - floor[x], heights[y] - floor[y]
@@ -301,3 +371,13 @@ def _transfer(heights, floor, tangents, x, y, limit):  # type: ignore[no-untyped
         transfer = transfer if transfer > zero else zero
     transfer = transfer if excess > tolerance else zero
     return math.copysign(transfer, drop)
+
+
+@helper(forceinline=True)
+def _excess(heights, tangents, x, y, stable_drop):  # type: ignore[no-untyped-def]
+    """Return the excess of the height [m] between columns x and y; see `_transfer`."""
+    drop = heights[x] - heights[y]
+    if tangents is not None:  # when compiled
+        tangent_x, tangent_y = tangents[x], tangents[y]
+        stable_drop *= tangent_x if drop > np.float32(0.0) else tangent_y
+    return abs(drop) - stable_drop

@@ -188,7 +188,7 @@ def _relax_window(  # type: ignore[no-untyped-def]
     pass_cost = max(1, num_pairs // _PAIRS_PER_VISIT)
     max_passes = max(1, min(budget // pass_cost, max_passes))
     heights = surface.heights.copy()
-    retained = retained_pairs(np.isnan(heights), surface.num_cols, directions)
+    retained = retained_pairs(heights, surface.num_cols, directions)
     has_moved, num_passes = relax_passes(
         heights, surface, directions, retained, num_done, max_passes
     )

@@ -156,9 +156,9 @@ def test_passes_leave_no_pair_too_steep(is_uniform: bool) -> None:
     for n in range(num_passes):  # one pass in each call: no pair of rows is skipped
         relax_passes(one_by_one, surface, directions, no_walls, n, 1)
     assert np.array_equal(one_by_one, at_once, equal_nan=True)
-    if is_uniform:  # with layers of one tangent and of a floor that is reached nowhere
-        varying = surface._replace(is_uniform=False)
-        relax_passes(one_by_one := surface.heights.copy(), varying, directions, no_walls, 0, 400)
+    for is_bottomless in (True, False):  # with a layer of tangents, and of a floor reached nowhere
+        layered = surface._replace(is_uniform=False, is_bottomless=is_bottomless)
+        relax_passes(one_by_one := surface.heights.copy(), layered, directions, no_walls, 0, 400)
         assert np.array_equal(one_by_one, at_once, equal_nan=True)
     assert np.isnan(at_once[:, 40:]).all()
     after = at_once[:, :40]
