@@ -96,6 +96,7 @@ def relax_cells(slopes, budget):  # type: ignore[no-untyped-def]
     rows, cols, reach = params.rows, params.cols, params.reach
     index_offset, random_state = _index_offsets(params), params.random_state
     max_layer = _MAX_LAYER_THICKNESS * distance[0]
+    steep = np.empty(distance.size, np.int64)
     visits = 0
     forward = False
     while not is_empty(queue) and visits < budget:
@@ -112,6 +113,7 @@ def relax_cells(slopes, budget):  # type: ignore[no-untyped-def]
         limit = params.stability.neighbour_height
         has_cohesion = limit[columns.soil[i], columns.moisture[i], 0] > 0.0
         has_moved, include_firm = False, not has_cohesion
+        num_steep = np.int64(-1)  # not listed yet
         while True:
             # Not in a function: if it takes the tuples, relaxation takes up to 30 % longer.
             firm_tangent = tangent = params.repose_tan[columns.soil[i], columns.moisture[i]]
@@ -122,12 +124,18 @@ def relax_cells(slopes, budget):  # type: ignore[no-untyped-def]
                 firm_tangent *= params.repose_tan_scale[i]
             top = firm_top(columns, i)
             slope = _SlopeLimits(tangent, firm_tangent, top, loose[i] > 0, include_firm)
+            if num_steep < 0:
+                num_steep = _list_steep_neighbours(
+                    height, offsets, index_offset, distance, (rows, cols), i, is_interior, slope,
+                    tolerance, steep,
+                )  # fmt: skip
             target, excess, firm_excess, is_firm_steep = _find_target(
-                height, occupied, offsets, index_offset, between, distance, (rows, cols), i,
-                is_interior, slope, forward, tolerance, params.jitter, random_state,
+                height, occupied, index_offset, between, distance, i, steep, num_steep, slope,
+                forward, tolerance, params.jitter, random_state,
             )  # fmt: skip
             visits += 1
             if is_firm_steep and has_cohesion and fail_wedge(columns, params, occupied, i, queue):
+                num_steep = np.int64(-1)
                 continue
             forward = not forward
             if target < 0 or not _move_soil(columns, i, target, excess, firm_excess, max_layer):
@@ -141,8 +149,8 @@ def relax_cells(slopes, budget):  # type: ignore[no-untyped-def]
 
 @helper(forceinline=True)
 def _find_target(  # type: ignore[no-untyped-def]
-    height, occupied, offsets, index_offset, between, distance, shape, i, is_interior, slope,
-    forward, tolerance, jitter, random_state,
+    height, occupied, index_offset, between, distance, i, steep, num_steep, slope, forward,
+    tolerance, jitter, random_state,
 ):  # fmt: skip
     """Find the neighbour that a column exceeds the angle of repose against by most.
 
@@ -152,12 +160,10 @@ def _find_target(  # type: ignore[no-untyped-def]
     Args:
         height: surface of each column [m], flat.
         occupied: marks of `columns.occupancy`, flat, uint8.
-        offsets, index_offset, distance: rows and columns, flat index and distance [m] of the
-            neighbours.
+        index_offset, distance: offset of the flat index and distance [m] of the neighbours.
         between: see `RelaxationParameters`.
-        shape: number of rows and of columns.
         i: flat index of the column.
-        is_interior: whether all its neighbours lie on the map.
+        steep, num_steep: neighbours to compare, see `_list_steep_neighbours`.
         slope: its `_SlopeLimits`.
         forward: whether the neighbours are compared from the first to the last.
         tolerance: excess that does not count [m].
@@ -169,19 +175,12 @@ def _find_target(  # type: ignore[no-untyped-def]
         soil [m], 0 if it may not move; whether firm soil is too steep against any neighbour).
     """
     tangent, firm_tangent, firm_height, has_loose, include_firm = slope
-    rows, cols = shape
-    row, col = i // cols, i % cols
-    count = distance.size
     height_of_i, min_tangent = height[i], min(tangent, firm_tangent)
     target, target_excess, target_firm_excess = np.int64(-1), 0.0, 0.0
     max_score, min_excess = 0.0, tolerance
     is_firm_steep = False
-    for n in range(count):
-        k = n if forward else count - 1 - n
-        if not is_interior:
-            r, c = row + offsets[k, 0], col + offsets[k, 1]
-            if r < 0 or r >= rows or c < 0 or c >= cols:
-                continue
+    for n in range(num_steep):
+        k = np.uint64(steep[np.uint64(n if forward else num_steep - 1 - n)])
         j = np.uint64(i + index_offset[k])
         drop = height_of_i - height[j]
         if drop - min_tangent * distance[k] <= min_excess or occupied[j] != 0:
@@ -209,6 +208,43 @@ def _find_target(  # type: ignore[no-untyped-def]
             min_excess = excess
         target, target_excess, target_firm_excess = np.int64(j), excess, firm_excess
     return target, target_excess, target_firm_excess, is_firm_steep
+
+
+@helper(forceinline=True)
+def _list_steep_neighbours(  # type: ignore[no-untyped-def]
+    height, offsets, index_offset, distance, shape, i, is_interior, slope, tolerance, steep
+):
+    """List the neighbours of a column that it may give soil to, in their order.
+
+    While it gives soil to some of them, none is added: it becomes lower, they higher, and its
+    loose soil, which may have the smaller angle, can only be used up.
+
+    Args:
+        height: surface of each column [m], flat.
+        offsets, index_offset, distance: rows and columns, offset of the flat index and distance [m]
+            of the neighbours.
+        shape: number of rows and of columns.
+        i: flat index of the column.
+        is_interior: whether all its neighbours lie on the map.
+        slope: its `_SlopeLimits`.
+        tolerance: excess that does not count [m].
+        steep: out, numbers of the neighbours.
+
+    Returns:
+        The number of neighbours listed.
+    """
+    row, col = i // shape[1], i % shape[1]
+    min_tangent = min(slope.tangent, slope.firm_tangent)
+    count = np.int64(0)
+    for k in range(distance.size):
+        if not is_interior:
+            r, c = row + offsets[k, 0], col + offsets[k, 1]
+            if r < 0 or r >= shape[0] or c < 0 or c >= shape[1]:
+                continue
+        drop = height[i] - height[np.uint64(i + index_offset[k])]
+        steep[np.uint64(count)] = k  # without a branch: overwritten unless it counts
+        count += drop - min_tangent * distance[k] > tolerance
+    return count
 
 
 @helper(allocates=True)
