@@ -187,7 +187,7 @@ def _move_lots(columns, cells, change, bounds, volumes, kinds, moistures):  # ty
         count = 0
         last = -1  # index of the last column that gains
         for m in range(first, end):
-            i = cells[m]
+            i = np.uint64(cells[m])  # faster, see `msg_bridge.kernels.decorators`
             if change[m] > 0.0:
                 total_gain += change[m]
                 last = m
@@ -206,7 +206,7 @@ def _move_lots(columns, cells, change, bounds, volumes, kinds, moistures):  # ty
                 count += 1
         if last < 0:  # by rounding no column gains: the soil stays where it was
             for lot in range(count):
-                _add_lot(columns, cells[first], volumes[lot], kinds[lot], moistures[lot])
+                _add_lot(columns, np.uint64(cells[first]), volumes[lot], kinds[lot], moistures[lot])
             continue
         # Rounding cumulative volumes, not the volumes themselves, keeps their sum exact.
         distributed, gain = np.int64(0), 0.0
@@ -218,7 +218,7 @@ def _move_lots(columns, cells, change, bounds, volumes, kinds, moistures):  # ty
             cumulative = bank if m == last else np.int64(bank * min(gain / total_gain, 1.0))
             while distributed < cumulative:
                 volume = min(cumulative - distributed, volumes[lot])
-                _add_lot(columns, cells[m], volume, kinds[lot], moistures[lot])
+                _add_lot(columns, np.uint64(cells[m]), volume, kinds[lot], moistures[lot])
                 distributed += volume
                 volumes[lot] -= volume
                 if volumes[lot] == 0:

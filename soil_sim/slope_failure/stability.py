@@ -71,12 +71,14 @@ class StabilityLimits(NamedTuple):
             int64; empty if no soil has cohesion.
         distant_height: limit over each of those [m], shape (kinds, MOISTURE_LEVELS, m), float64.
         friction: angle of internal friction of each kind [rad], shape (kinds,), float64.
+        has_cohesion: whether any soil has cohesion at any moisture.
     """
 
     neighbour_height: NDArray[np.float64]
     distant_offsets: NDArray[np.int64]
     distant_height: NDArray[np.float64]
     friction: NDArray[np.float64]
+    has_cohesion: bool
 
 
 def stability_limits(
@@ -110,11 +112,13 @@ def stability_limits(
         (round(a * distance), round(b * distance)) for distance in distances for a, b in _DIRECTIONS
     }
     offsets = np.array(sorted(points), dtype=np.int64).reshape(-1, 2)
+    neighbour_height = _critical_heights(tables, np.hypot(*neighbours.T), cell)
     return StabilityLimits(
-        _critical_heights(tables, np.hypot(*neighbours.T), cell),
+        neighbour_height,
         offsets,
         _critical_heights(tables, np.hypot(*offsets.T), cell),
         np.asarray(tables.internal_friction, dtype=np.float64),
+        has_cohesion=bool((neighbour_height > 0.0).any()),
     )
 
 

@@ -43,6 +43,8 @@ def fail_wedges(columns, params, occupied, queue, bounds):  # type: ignore[no-un
         bounds: `WindowBounds`.
     """
     limit = params.stability.neighbour_height
+    if not params.stability.has_cohesion:
+        return
     for row in range(bounds.first_row, bounds.end_row):
         for col in range(bounds.first_col, bounds.end_col):
             i = row * params.cols + col

@@ -87,10 +87,7 @@ def copy_surface(columns, params, occupied, bounds):  # type: ignore[no-untyped-
         floor.reshape(-1),
         tangents.reshape(-1),
     )
-    lowest = np.inf
-    for row in range(bounds.first_row, bounds.end_row):
-        for col in range(bounds.first_col, bounds.end_col):
-            lowest = min(lowest, columns.height[np.uint64(row * params.cols + col)])
+    lowest = _lowest_height(columns, params.cols, bounds)
     is_uniform, is_bottomless, last_tangent = True, True, -1.0
     limit = params.stability.neighbour_height
     row_step, col_step = (1, shape[1]) if is_transposed else (shape[1], 1)
@@ -121,3 +118,14 @@ def copy_surface(columns, params, occupied, bounds):  # type: ignore[no-untyped-
         heights, floor, tangents, num_cols, np.float32(last_tangent), is_uniform, is_bottomless,
         is_transposed,
     )  # fmt: skip
+
+
+@helper(allocates=True)
+def _lowest_height(columns, cols, bounds):  # type: ignore[no-untyped-def]
+    """Return the height of the lowest column of a window [m]; the map has `cols` columns."""
+    lowest = np.full(bounds.end_col - bounds.first_col, np.inf)
+    for row in range(bounds.first_row, bounds.end_row):
+        first = np.uint64(row * cols + bounds.first_col)
+        for k in range(np.uint64(lowest.size)):  # column by column, for vector instructions
+            lowest[k] = min(lowest[k], columns.height[first + k])
+    return lowest.min()
