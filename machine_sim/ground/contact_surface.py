@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.ground.contact_surface_kernels import (
+    MAX_MOISTURE,
+    apply_map_updates,
     raise_surface,
     set_cells,
     surface_at,
@@ -31,9 +33,6 @@ __all__ = ["MAX_RISE_SPEED", "Ground", "GroundError", "surface_at"]
 
 MAX_RISE_SPEED = 0.3
 """Maximum speed of rise of the contact surface [m/s]."""
-
-_MAX_MOISTURE = 100
-"""Maximum moisture for which soil parameters are defined [% of saturation]."""
 
 
 class GroundError(EarthmovingError):
@@ -83,7 +82,7 @@ class Ground:
         zeros = np.zeros(grid.shape, dtype=np.uint8)
         self.soil: NDArray[np.uint8] = self._check_soil_ids(zeros if soil is None else soil).copy()
         self.moisture: NDArray[np.uint8] = np.minimum(
-            zeros if moisture is None else moisture, _MAX_MOISTURE
+            zeros if moisture is None else moisture, MAX_MOISTURE
         )
         self.elevation = self._rounded_heights(elevation)
         self.surface: NDArray[np.float64] = self.elevation.copy()
@@ -147,7 +146,7 @@ class Ground:
         """Replace the whole terrain; the contact surface rises to it at its limited speed."""
         self.soil[:], self.moisture[:] = (
             self._check_soil_ids(keyframe.soil),
-            np.minimum(keyframe.moisture, _MAX_MOISTURE),
+            np.minimum(keyframe.moisture, MAX_MOISTURE),
         )
         elevation = self._rounded_heights(keyframe.elevation)
         self._set_cells(
@@ -161,15 +160,36 @@ class Ground:
 
         Args:
             map_updates: MAP_UPDATE rows.
+
+        Raises:
+            GroundError: an unknown soil, a cell off the map, or a height that is not finite;
+                nothing was changed.
         """
         if map_updates.size == 0:
             return
-        soil = self._check_soil_ids(map_updates["soil"])
-        cells = np.ravel_multi_index((map_updates["row"], map_updates["col"]), self.grid.shape)
-        heights, ruts = (map_updates[name].astype(np.float64) for name in ("z", "rut_depth"))
-        self._set_cells(cells, heights, ruts)
-        self.soil.reshape(-1)[cells] = soil
-        self.moisture.reshape(-1)[cells] = np.minimum(map_updates["moisture"], _MAX_MOISTURE)
+        rising = self._rising_cells_and_space_for(map_updates.size)
+        num_rising = apply_map_updates(
+            map_updates,
+            len(self.soils),
+            self.soil,
+            self.moisture,
+            self.elevation,
+            self.surface,
+            self.rut_depth,
+            self.max_sinkage,
+            self.undisturbed_surface,
+            self.changed,
+            self._is_rising,
+            rising,
+            self._rising_cells.size,
+        )
+        if num_rising < 0:
+            self._check_soil_ids(map_updates["soil"])
+            raise GroundError(
+                "a changed cell is off the map or has no finite height; resync from the terrain map"
+            )
+        self._rising_cells = rising[:num_rising]
+        self.has_changes = True
 
     def set_heights(
         self,
@@ -196,7 +216,8 @@ class Ground:
         """Set heights and depths of ruts of cells [m]."""
         if not np.isfinite(heights).all():
             raise GroundError("a changed cell has no finite height; resync from the terrain map")
-        self._rising_cells = set_cells(
+        rising = self._rising_cells_and_space_for(cells.size)
+        num_rising = set_cells(
             cells,
             heights,
             rut_depths,
@@ -207,9 +228,17 @@ class Ground:
             self.undisturbed_surface,
             self.changed,
             self._is_rising,
-            self._rising_cells,
+            rising,
+            self._rising_cells.size,
         )
+        self._rising_cells = rising[:num_rising]
         self.has_changes = True
+
+    def _rising_cells_and_space_for(self, count: int) -> NDArray[np.int64]:
+        """Return a copy of the list of rising cells, with space for `count` more at its end."""
+        rising = np.empty(self._rising_cells.size + count, dtype=np.int64)
+        rising[: self._rising_cells.size] = self._rising_cells
+        return rising
 
     def advance(self, dt: float) -> None:
         """Raise the contact surface toward the soil's surface for `dt` [s]."""

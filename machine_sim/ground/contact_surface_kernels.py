@@ -6,9 +6,12 @@ import math
 
 import numpy as np
 
-from msg_bridge.kernels import fixed_signature_kernel, kernel
+from msg_bridge.kernels import fixed_signature_kernel, helper, kernel
 
-__all__ = ["raise_surface", "set_cells", "surface_at"]
+__all__ = ["MAX_MOISTURE", "apply_map_updates", "raise_surface", "set_cells", "surface_at"]
+
+MAX_MOISTURE = 100
+"""Maximum moisture for which soil parameters are defined [% of saturation]."""
 
 _ROUNDING_TOLERANCE = 1e-4
 """Height change [m] below which it is a rounding error of messages."""
@@ -38,6 +41,62 @@ def surface_at(surface, x_first, y_first, inverse_cell, x, y):  # type: ignore[n
     return height, slope_x, slope_y
 
 
+@kernel
+def apply_map_updates(  # type: ignore[no-untyped-def]
+    rows,
+    num_soils,
+    soil,
+    moisture,
+    elevation,
+    surface,
+    rut_depth,
+    max_sinkage,
+    undisturbed_surface,
+    changed,
+    is_rising,
+    rising,
+    num_rising,
+):
+    """Apply MAP_UPDATE rows, all of them or none.
+
+    Args:
+        rows: MAP_UPDATE rows.
+        num_soils: number of soils of the run.
+        soil, moisture: layers of `Ground`, updated.
+        elevation, surface, rut_depth, max_sinkage, undisturbed_surface: as for `set_cells`.
+        changed, is_rising, rising, num_rising: as for `set_cells`.
+
+    Returns:
+        Number of cells that rise now; -1 if nothing was changed because a row is off the map, has
+        an unknown soil or a height that is not finite.
+    """
+    for n in range(rows.size):
+        row = rows[n]
+        is_on_map = row.row < elevation.shape[0] and row.col < elevation.shape[1]
+        if not (is_on_map and row.soil < num_soils and np.isfinite(row.z)):
+            return -1
+    for n in range(rows.size):
+        row = rows[n]
+        i, j = np.int64(row.row), np.int64(row.col)
+        soil[i, j], moisture[i, j] = row.soil, min(row.moisture, MAX_MOISTURE)
+        num_rising = _set_cell(
+            i,
+            j,
+            np.float64(row.z),
+            np.float64(row.rut_depth),
+            elevation,
+            surface,
+            rut_depth,
+            max_sinkage,
+            undisturbed_surface,
+            changed,
+            is_rising,
+            rising,
+            num_rising,
+        )
+    return num_rising
+
+
 @fixed_signature_kernel
 def set_cells(  # type: ignore[no-untyped-def]
     cells,
@@ -51,6 +110,7 @@ def set_cells(  # type: ignore[no-untyped-def]
     changed,
     is_rising,
     rising,
+    num_rising,
 ):
     """Set the heights and the depths of ruts of changed cells.
 
@@ -61,34 +121,65 @@ def set_cells(  # type: ignore[no-untyped-def]
             updated.
         changed: set where a cell has changed, shape (rows, cols).
         is_rising: whether each cell rises, shape (rows, cols); updated.
-        rising: flat indices of the cells that rise already.
+        rising: flat indices of the cells that rise, with space for the changed cells; updated.
+        num_rising: number of cells that rise already.
 
     Returns:
-        Flat indices of the cells that rise now; a cell that was lowered again may be among them.
+        Number of cells that rise now; a cell that was lowered again may be among them.
     """
     cols = elevation.shape[1]
-    still_rising = np.empty(rising.size + cells.size, dtype=np.int64)
-    for n in range(rising.size):  # not a slice, which compiles much longer
-        still_rising[n] = rising[n]
-    count = rising.size
     for n in range(cells.size):
-        i, j = cells[n] // cols, cells[n] % cols
-        pressed = max(rut_depths[n] - rut_depth[i, j], 0.0)
-        moved = abs(heights[n] - elevation[i, j] + pressed)  # height of soil added or removed
-        if moved > _ROUNDING_TOLERANCE:
-            max_sinkage[i, j] -= moved
-        max_sinkage[i, j] = max(max_sinkage[i, j], rut_depths[n])
-        elevation[i, j], rut_depth[i, j] = heights[n], rut_depths[n]
-        changed[i, j] = True
-        undisturbed = heights[n] + rut_depths[n]
-        surface[i, j] = min(surface[i, j], heights[n])
-        undisturbed_surface[i, j] = min(undisturbed_surface[i, j], undisturbed)
-        is_below = surface[i, j] < heights[n] or undisturbed_surface[i, j] < undisturbed
-        if is_below and not is_rising[i, j]:
-            is_rising[i, j] = True
-            still_rising[count] = cells[n]
-            count += 1
-    return still_rising[:count].copy()
+        num_rising = _set_cell(
+            cells[n] // cols,
+            cells[n] % cols,
+            heights[n],
+            rut_depths[n],
+            elevation,
+            surface,
+            rut_depth,
+            max_sinkage,
+            undisturbed_surface,
+            changed,
+            is_rising,
+            rising,
+            num_rising,
+        )
+    return num_rising
+
+
+@helper(forceinline=True)
+def _set_cell(  # type: ignore[no-untyped-def]
+    i,
+    j,
+    height,
+    rut,
+    elevation,
+    surface,
+    rut_depth,
+    max_sinkage,
+    undisturbed_surface,
+    changed,
+    is_rising,
+    rising,
+    num_rising,
+):
+    """Set the height and the depth of the rut of cell (i, j) [m]; else as `set_cells`."""
+    pressed = max(rut - rut_depth[i, j], 0.0)
+    moved = abs(height - elevation[i, j] + pressed)  # height of soil added or removed
+    if moved > _ROUNDING_TOLERANCE:
+        max_sinkage[i, j] -= moved
+    max_sinkage[i, j] = max(max_sinkage[i, j], rut)
+    elevation[i, j], rut_depth[i, j] = height, rut
+    changed[i, j] = True
+    undisturbed = height + rut
+    surface[i, j] = min(surface[i, j], height)
+    undisturbed_surface[i, j] = min(undisturbed_surface[i, j], undisturbed)
+    is_below = surface[i, j] < height or undisturbed_surface[i, j] < undisturbed
+    if is_below and not is_rising[i, j]:
+        is_rising[i, j] = True
+        rising[num_rising] = i * elevation.shape[1] + j
+        return num_rising + 1
+    return num_rising
 
 
 @fixed_signature_kernel

@@ -109,6 +109,18 @@ def test_unknown_soil_is_rejected() -> None:
     assert ground.surface[3, 4] == 0.0
 
 
+@pytest.mark.parametrize(("name", "value"), [("z", np.nan), ("row", GRID.rows), ("col", GRID.cols)])
+def test_map_updates_with_an_invalid_row_change_nothing(name: str, value: float) -> None:
+    ground = sloping()
+    before = ground.elevation.copy()
+    updates = np.concatenate([changed(-0.1), changed(-0.1)])
+    updates[name][1] = value
+    with pytest.raises(GroundError, match="off the map or has no finite height"):
+        ground.apply_changes(updates)
+    assert np.array_equal(ground.elevation, before)
+    assert not ground.has_changes
+
+
 def test_heights_that_are_not_finite_are_rejected_and_change_nothing() -> None:
     ground = sloping()
     before = ground.elevation.copy()
