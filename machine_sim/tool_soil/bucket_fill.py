@@ -82,7 +82,7 @@ def _measure(  # type: ignore[no-untyped-def]
         of the soil ahead [m^3], and swell.
     """
     container, particles = boxed_container.table, boxed_particles.table
-    bank, loose, mass = sum_inside(container, rotation, origin, particles, swells)
-    room = room_below_level(container, rotation, origin, elevation, frame, particles, swells)
+    bank, loose, mass, struck = sum_inside(container, rotation, origin, particles, swells)
+    room = room_below_level(container, rotation, origin, elevation, frame, struck)
     swell = swell_at_point(key_points[0], rotation, origin, soil, frame, cell, swells)
     return bank, loose, mass, room, swell

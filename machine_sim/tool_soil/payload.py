@@ -8,7 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from machine_sim.dem import Pose, SoilEngine
-from machine_sim.machine.tools.open_container import is_in_heap, local_point
+from machine_sim.machine.tools.open_container import (
+    is_in_heap,
+    is_in_struck_volume,
+    local_point,
+)
 from machine_sim.machine.tools.shapes import ContainerShape
 from msg_bridge.kernels import fixed_signature_kernel, helper, kernel
 
@@ -74,8 +78,11 @@ def loose_volume(particles: SoilEngine, rows: NDArray[np.intp]) -> float:
 
 @fixed_signature_kernel
 def _sum_inside(boxed_container, rotation, origin, boxed_particles, swells):  # type: ignore[no-untyped-def]
-    """Run `sum_inside` alone, with boxed tables."""
-    return sum_inside(boxed_container.table, rotation, origin, boxed_particles.table, swells)
+    """Return bank volume, loose volume and mass of `sum_inside`, with boxed tables."""
+    bank, loose, mass, _ = sum_inside(
+        boxed_container.table, rotation, origin, boxed_particles.table, swells
+    )
+    return bank, loose, mass
 
 
 @helper
@@ -89,17 +96,24 @@ def sum_inside(container, rotation, origin, particles, swells):  # type: ignore[
         swells: swell of each soil.
 
     Returns:
-        Bank volume [mm^3], loose volume [mm^3] and mass [kg].
+        Bank volume [mm^3], loose volume [mm^3] and mass [kg], and the loose volume below the
+        opening [m^3].
     """
     position, volume_mm3, mass = particles.position, particles.volume_mm3, particles.mass
-    bank, loose, kilograms = 0, 0.0, 0.0
+    bank, loose, kilograms, struck = 0, 0.0, 0.0, 0.0
     for i in range(len(position)):
         is_near, x, z = local_point(position, i, container, rotation, origin)
-        if is_near and is_in_heap(x, z, container):
+        if not is_near:
+            continue
+        is_struck = is_in_struck_volume(x, z, container)
+        if is_struck or is_in_heap(x, z, container):
+            bulking = 1.0 + swells[particles.soil[i]]
             bank += volume_mm3[i]
-            loose += volume_mm3[i] * (1.0 + swells[particles.soil[i]])
+            loose += volume_mm3[i] * bulking
             kilograms += mass[i]
-    return bank, loose, kilograms
+            if is_struck:
+                struck += 1e-9 * volume_mm3[i] * bulking
+    return bank, loose, kilograms, struck
 
 
 @kernel

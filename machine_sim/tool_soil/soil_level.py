@@ -17,7 +17,6 @@ import math
 import numpy as np
 
 from machine_sim.ground import surface_at
-from machine_sim.machine.tools.open_container import is_in_struck_volume, local_point
 from msg_bridge.kernels import helper
 
 __all__ = ["room_below_level"]
@@ -37,7 +36,7 @@ _MIN_HORIZONTAL = 0.1
 
 
 @helper(allocates=True)
-def room_below_level(container, rotation, origin, elevation, frame, particles, swells):  # type: ignore[no-untyped-def]
+def room_below_level(container, rotation, origin, elevation, frame, struck_m3):  # type: ignore[no-untyped-def]
     """Return the loose volume that goes into a bucket before the soil ahead yields [m^3].
 
     It is negative if the bucket is fuller than that, 0 if all of it is higher than the soil ahead,
@@ -47,13 +46,12 @@ def room_below_level(container, rotation, origin, elevation, frame, particles, s
         container: `ContainerTable`; the first point of its profile is the lip.
         rotation, origin: pose of the bucket.
         elevation, frame: of `Ground`.
-        particles: `ParticleColumns`.
-        swells: swell of each soil.
+        struck_m3: loose volume of the soil below the opening [m^3].
     """
     volume = _volume_below_level(container, rotation, origin, elevation, frame)
     if volume == 0.0 or volume == math.inf:
         return volume
-    return volume - _loose_volume_inside(container, rotation, origin, particles, swells)
+    return volume - struck_m3
 
 
 @helper(allocates=True)
@@ -138,21 +136,3 @@ def _area_below(polygon, up_x, up_z, level):  # type: ignore[no-untyped-def]
                 bx, bz = cx, cz
         area += 0.5 * ((ax - base_x) * (bz - base_z) - (bx - base_x) * (az - base_z))
     return area
-
-
-@helper
-def _loose_volume_inside(container, rotation, origin, particles, swells):  # type: ignore[no-untyped-def]
-    """Return the loose volume of the particles below the opening of a bucket [m^3].
-
-    Args:
-        container: `ContainerTable` of the bucket.
-        rotation, origin: its pose.
-        particles: `ParticleColumns`.
-        swells: swell of each soil.
-    """
-    position, volume = particles.position, 0.0
-    for i in range(len(position)):
-        is_near, x, z = local_point(position, i, container, rotation, origin)
-        if is_near and is_in_struck_volume(x, z, container):
-            volume += 1e-9 * particles.volume_mm3[i] * (1.0 + swells[particles.soil[i]])
-    return volume

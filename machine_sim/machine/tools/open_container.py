@@ -300,7 +300,7 @@ def local_point(position, i, container, rotation, origin):  # type: ignore[no-un
 
 @helper
 def is_in_heap(x, z, container):  # type: ignore[no-untyped-def]
-    """Return whether a point between the sides is in the struck volume or in the heap.
+    """Return whether a point between the sides is in the heap on the opening.
 
     Args:
         x, z: the point in the side view [m].
@@ -310,9 +310,7 @@ def is_in_heap(x, z, container):  # type: ignore[no-untyped-def]
     dx, dz = x - opening.lip_x, z - opening.lip_z
     along = dx * opening.along_x + dz * opening.along_z
     above = dx * opening.out_x + dz * opening.out_z
-    if 0.0 <= along <= opening.length and 0.0 <= above <= opening.heap_height:
-        return True
-    return is_in_struck_volume(x, z, container)
+    return 0.0 <= along <= opening.length and 0.0 <= above <= opening.heap_height
 
 
 @helper
