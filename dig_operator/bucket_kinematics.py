@@ -8,18 +8,23 @@ horizontal.
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dig_operator.observation import Observation
-from machine_sim.machine.arm_kinematics import arm_geometry, solve_bucket_pin_angles, tool_pose
-from machine_sim.machine.box import Vec3
-from machine_sim.machine.errors import ReachError
+from machine_sim.machine.arm_kernels import NO_FAULT, remainder, solve_pin_angles
+from machine_sim.machine.arm_kinematics import (
+    arm_geometry,
+    boxed_arm,
+    solve_bucket_pin_angles,
+    tool_pose,
+)
+from machine_sim.machine.rotated_vectors import product_column, rotate_to_map
 from machine_sim.machine.rotations import rotation_about_z
 from machine_sim.machine.spec import MachineSpec
+from msg_bridge.kernels import fixed_signature_kernel, helper
 
 __all__ = ["BucketKinematics", "BucketPose"]
 
@@ -55,7 +60,7 @@ class BucketKinematics:
     """
 
     def __init__(self, machine: MachineSpec) -> None:
-        self._machine = machine
+        self._machine, self._arm = machine, boxed_arm(machine)
         self._swing_offset = np.array(arm_geometry(machine).swing)
         bucket = machine.bucket
         self.tip_length = bucket.tip_radius
@@ -67,6 +72,10 @@ class BucketKinematics:
         )
         (x0, z0), (x1, z1) = bucket.profile[:2]
         self._floor_angle = math.atan2(z0 - z1, x0 - x1)
+
+    def warm_up(self) -> None:
+        """Compile the kernel of `joint_angles`, or load it, before the first tick."""
+        _joint_angles(self._arm, np.zeros(3), np.eye(3), 0.0, 0.0, 0.0, 0.0, 0.0, np.empty(4))
 
     def attitude_for_attack_angle(self, angle: float) -> float:
         """Return the attitude at which the floor behind the lip is `angle` [rad] below level.
@@ -105,33 +114,22 @@ class BucketKinematics:
         Raises:
             ReachError: the pin cannot be brought near the pose.
         """
-        for reduction in _RADIUS_OFFSETS:
-            with suppress(ReachError):
-                return self._solve_joint_angles(observation, pose, pose.radius - reduction)
-        return self._solve_joint_angles(observation, pose, pose.radius)
-
-    def _solve_joint_angles(
-        self, observation: Observation, pose: BucketPose, radius: float
-    ) -> Array:
-        """Return the joint angles for a pose with another radius [m]; see `joint_angles`."""
-        axis_x, axis_y, axis_z = self.swing_axis(observation).tolist()
-        # From the swing axis to the pin, rounded as the position of the pin is.
-        offset = (
-            axis_x + radius * math.cos(pose.azimuth) - axis_x,
-            axis_y + radius * math.sin(pose.azimuth) - axis_y,
-            pose.height - axis_z,
+        angles = np.empty(4)
+        azimuth, radius, height, attitude = map(float, pose)  # a kernel would truncate after ints
+        is_reached, *pin = _joint_angles(
+            self._arm,
+            observation.base_position,
+            observation.base_rotation,
+            float(observation.joints[0]),
+            azimuth,
+            radius,
+            height,
+            attitude,
+            angles,
         )
-        x, y, _ = _in_frame(offset, observation.base_rotation.tolist())
-        # Of the equivalent swing angles, whole turns apart, the one nearest to the present one.
-        swing_now = float(observation.joints[0])
-        swing = swing_now + math.remainder(math.atan2(y, x) - swing_now, 2 * math.pi)
-        upper_rotation = observation.base_rotation.dot(rotation_about_z(swing)).tolist()
-        reach, _, height = _in_frame(offset, upper_rotation)
-        boom, arm = solve_bucket_pin_angles(self._machine, reach, height)
-        limits = self._machine.joints["bucket"]
-        bucket = pose.attitude + _nose_up_angle(upper_rotation) - boom - arm
-        bucket = min(max(bucket, limits.lower), limits.upper)
-        return np.array([swing, boom, arm, bucket])
+        if not is_reached:
+            solve_bucket_pin_angles(self._machine, *pin)  # raises the error
+        return angles
 
     def nose_up_angle(self, observation: Observation) -> float:
         """Return the pitch of the upper body [rad]; positive is nose up, negative nose down."""
@@ -146,13 +144,74 @@ class BucketKinematics:
         )
 
 
-def _in_frame(vector: Vec3, rotation: list[list[float]]) -> Vec3:
-    """Return a vector of the map frame in a frame with a rotation to the map (3, 3)."""
-    x, y, z = vector
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
-    return x * xx + y * yx + z * zx, x * xy + y * yy + z * zy, x * xz + y * yz + z * zz
-
-
 def _nose_up_angle(upper_rotation: list[list[float]]) -> float:
     """Return the pitch [rad], nose up positive, of a body with a rotation to the map (3, 3)."""
     return math.asin(max(-1.0, min(1.0, upper_rotation[2][0])))
+
+
+@fixed_signature_kernel
+def _joint_angles(  # type: ignore[no-untyped-def]
+    boxed_arm, position, rotation, swing_now, azimuth, radius, height, attitude, angles
+):
+    """Compute `BucketKinematics.joint_angles`.
+
+    Args:
+        boxed_arm: `ArmTable`, boxed.
+        position, rotation: pose of the base.
+        swing_now: present angle of the swing joint [rad].
+        azimuth, radius, height, attitude: of the `BucketPose`.
+        angles: out, joint angles [rad], shape (4,).
+
+    Returns:
+        Whether the pin is in reach, and where it would be without a reduction of the radius: reach
+        and height in the swing frame [m].
+    """
+    geometry = boxed_arm.table
+    first_reach, first_height = 0.0, 0.0
+    for k in range(len(_RADIUS_OFFSETS)):
+        is_reached, reach, pin_height = _solve_joint_angles(
+            geometry,
+            position,
+            rotation,
+            swing_now,
+            (azimuth, radius - _RADIUS_OFFSETS[k], height, attitude),
+            angles,
+        )
+        if is_reached:
+            return True, reach, pin_height
+        if k == 0:
+            first_reach, first_height = reach, pin_height
+    return False, first_reach, first_height
+
+
+@helper
+def _solve_joint_angles(geometry, position, rotation, swing_now, pose, angles):  # type: ignore[no-untyped-def]
+    """Compute the joint angles for one radius; arguments and results as for `_joint_angles`."""
+    azimuth, radius, height, attitude = pose
+    x, y, z = geometry.swing
+    offset_x, offset_y, offset_z = rotate_to_map(rotation, x, y, z)
+    axis_x, axis_y, axis_z = position[0] + offset_x, position[1] + offset_y, position[2] + offset_z
+    # From the swing axis to the pin, rounded as the position of the pin is.
+    pin = (
+        axis_x + radius * math.cos(azimuth) - axis_x,
+        axis_y + radius * math.sin(azimuth) - axis_y,
+        height - axis_z,
+    )
+    x = _dot(pin, (rotation[0, 0], rotation[1, 0], rotation[2, 0]))
+    y = _dot(pin, (rotation[0, 1], rotation[1, 1], rotation[2, 1]))
+    # Of the equivalent swing angles, whole turns apart, the one nearest to the present one.
+    swing = swing_now + remainder(math.atan2(y, x) - swing_now, 2.0 * math.pi)
+    ahead = product_column(rotation, math.cos(swing), math.sin(swing), 0.0)
+    up = product_column(rotation, 0.0, 0.0, 1.0)
+    reach, pin_height = _dot(pin, ahead), _dot(pin, up)
+    fault, boom, arm = solve_pin_angles(geometry, reach, pin_height)
+    nose_up = math.asin(max(-1.0, min(1.0, ahead[2])))
+    lower, upper = geometry.bucket_limits
+    angles[0], angles[1], angles[2] = swing, boom, arm
+    angles[3] = min(max(attitude + nose_up - boom - arm, lower), upper)
+    return fault == NO_FAULT, reach, pin_height
+
+
+@helper
+def _dot(a, b):  # type: ignore[no-untyped-def]
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

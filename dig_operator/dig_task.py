@@ -71,6 +71,7 @@ class DigTask:
         self.phase = OperatorPhase.APPROACH
         self.abort_reason = ""
         self._machine, self._behaviour, self._params = machine, behaviour, params
+        BucketKinematics(machine).warm_up()
         self._initial_observation: Observation | None = None
         self._phase_start_time = 0.0  # of brace and settle
         self._last_motion_time = 0.0  # of soil, while settling

@@ -37,9 +37,17 @@ def _compile_machines() -> None:
     warm_up(machines, particles=ParticleParams(mode="cubes"))
 
 
+def _compile_operator() -> None:
+    from dig_operator.bucket_kinematics import BucketKinematics
+    from machine_sim.machine import load_machine_spec
+
+    BucketKinematics(load_machine_spec(find_config("machines/excavator.yaml"))).warm_up()
+
+
 GROUPS: Mapping[str, Callable[[], None]] = {
     "soil_sim": _compile_soil,
     "machine_sim": _compile_machines,
+    "dig_operator": _compile_operator,
 }
 """Functions that compile the kernels of a package for all values of its parameters, except those
 for several threads."""

@@ -16,7 +16,7 @@ __all__ = ["SUMMARY", "add_arguments", "run"]
 SUMMARY = "compile all kernels, so that the first start takes no longer than the next ones"
 
 _MODULE = "earthmoving_sim.kernel_groups"
-_GROUPS = ("machine_sim", "soil_sim")  # the one that takes longest first
+_GROUPS = ("machine_sim", "soil_sim", "dig_operator")  # the one that takes longest first
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -17,9 +17,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from machine_sim.machine.arm_kernels import (
+    ARM_LIMIT,
+    BOOM_LIMIT,
+    LIMIT_TOLERANCE,
+    OUT_OF_REACH,
+    ArmTable,
+    solve_pin_angles,
+)
 from machine_sim.machine.errors import MachineError, ReachError
 from machine_sim.machine.rotations import rotation_about_z
 from machine_sim.machine.spec import MachineSpec
+from msg_bridge.kernels import BoxedTable, box_table, fixed_signature_kernel
 
 __all__ = [
     "EXCAVATOR_JOINTS",
@@ -27,6 +36,7 @@ __all__ = [
     "ArmGeometry",
     "ToolPoint",
     "arm_geometry",
+    "boxed_arm",
     "map_to_swing_frame",
     "solve_arm_angles",
     "solve_bucket_pin_angles",
@@ -37,9 +47,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
-_LIMIT_TOLERANCE = 1e-9
-"""Tolerance for rounding when an angle is compared with its limits [rad]."""
 
 EXCAVATOR_JOINTS = ("swing", "boom", "arm", "bucket")
 """Joints of an excavator, from the base to the tool."""
@@ -92,6 +99,29 @@ def arm_geometry(spec: MachineSpec) -> ArmGeometry:
         )
     lengths = (arm.origin[0], bucket.origin[0], spec.bucket.tip_radius)
     return ArmGeometry(swing.origin, (boom.origin[0], boom.origin[2]), *lengths)
+
+
+@lru_cache(maxsize=16)
+def boxed_arm(spec: MachineSpec) -> BoxedTable:
+    """Return the `ArmTable` of an excavator, boxed.
+
+    Raises:
+        MachineError: as `arm_geometry`.
+    """
+    geometry = arm_geometry(spec)
+    limits = [(float(joint.lower), float(joint.upper)) for joint in list(spec.joints.values())[1:]]
+    swing_x, swing_y, swing_z = map(float, geometry.swing)
+    foot_x, foot_z = map(float, geometry.foot)
+    return box_table(
+        ArmTable(
+            (swing_x, swing_y, swing_z),
+            foot_x,
+            foot_z,
+            float(geometry.boom),
+            float(geometry.arm),
+            *limits,
+        )
+    )
 
 
 class ArmAngles(NamedTuple):
@@ -149,21 +179,26 @@ def solve_bucket_pin_angles(spec: MachineSpec, reach: float, height: float) -> t
     Raises:
         ReachError: the point is too far or too near, or a joint would exceed its limits.
     """
-    geometry = arm_geometry(spec)
-    first, second = geometry.boom, geometry.arm
-    r, z = reach - geometry.foot[0], height - geometry.foot[1]
-    cosine = (r * r + z * z - first * first - second * second) / (2.0 * first * second)
-    if not -1.0 <= cosine <= 1.0:
+    fault, boom, arm = _pin_angles(boxed_arm(spec), float(reach), float(height))
+    if fault == OUT_OF_REACH:
+        geometry = arm_geometry(spec)
+        first, second = geometry.boom, geometry.arm
+        distance = math.hypot(reach - geometry.foot[0], height - geometry.foot[1])
         raise ReachError(
-            f"the bucket pin would be {math.hypot(r, z):.2f} m from the boom pin; the arm reaches"
+            f"the bucket pin would be {distance:.2f} m from the boom pin; the arm reaches"
             f" from {abs(first - second):.2f} to {first + second:.2f} m: move the target"
         )
-    arm = math.acos(cosine)
-    boom = math.atan2(-z, r) - math.atan2(second * math.sin(arm), first + second * cosine)
-    return (
-        _within_limits(spec, "boom", _wrap_angle(boom)),
-        _within_limits(spec, "arm", arm),
-    )
+    if fault == BOOM_LIMIT:
+        raise _limit_error(spec, "boom", boom)
+    if fault == ARM_LIMIT:
+        raise _limit_error(spec, "arm", arm)
+    return boom, arm
+
+
+@fixed_signature_kernel
+def _pin_angles(boxed, reach, height):  # type: ignore[no-untyped-def]
+    """Run `solve_pin_angles` alone, with a boxed `ArmTable`."""
+    return solve_pin_angles(boxed.table, reach, height)
 
 
 def tool_pose(
@@ -261,12 +296,18 @@ def _within_limits(spec: MachineSpec, name: str, angle: float) -> float:
         ReachError: the angle is outside the limits of the joint.
     """
     limits = spec.joints[name]
-    if not limits.lower - _LIMIT_TOLERANCE <= angle <= limits.upper + _LIMIT_TOLERANCE:
-        raise ReachError(
-            f"{name} would be at {angle:.3f} rad, outside its limits {limits.lower} to"
-            f" {limits.upper} rad: move the target or change its attitude"
-        )
+    if not limits.lower - LIMIT_TOLERANCE <= angle <= limits.upper + LIMIT_TOLERANCE:
+        raise _limit_error(spec, name, angle)
     return min(max(angle, limits.lower), limits.upper)
+
+
+def _limit_error(spec: MachineSpec, name: str, angle: float) -> ReachError:
+    """Return the error of a joint that would be at an angle [rad] outside its limits."""
+    limits = spec.joints[name]
+    return ReachError(
+        f"{name} would be at {angle:.3f} rad, outside its limits {limits.lower} to"
+        f" {limits.upper} rad: move the target or change its attitude"
+    )
 
 
 def _wrap_angle(angle: float) -> float:

@@ -15,7 +15,7 @@ from numba.extending import intrinsic
 
 from msg_bridge.kernels import helper
 
-__all__ = ["rotate_to_frame", "rotate_to_map"]
+__all__ = ["product_column", "rotate_to_frame", "rotate_to_map"]
 
 
 @intrinsic
@@ -49,6 +49,16 @@ def rotate_to_frame(rotation, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @helper(forceinline=True)
+def product_column(rotation, x, y, z):  # type: ignore[no-untyped-def]
+    """Return the column of `rotation.dot(other)` for the column x, y, z of the other (3, 3)."""
+    return (
+        _column_product(rotation[0, 0], rotation[0, 1], rotation[0, 2], x, y, z),
+        _column_product(rotation[1, 0], rotation[1, 1], rotation[1, 2], x, y, z),
+        _column_product(rotation[2, 0], rotation[2, 1], rotation[2, 2], x, y, z),
+    )
+
+
+@helper(forceinline=True)
 def _row_product(a, b, c, x, y, z):  # type: ignore[no-untyped-def]
     """Return a x + b y + c z in the order of a matrix times a vector."""
     return _fused_multiply_add(c, z, _fused_multiply_add(a, x, b * y))
@@ -56,5 +66,6 @@ def _row_product(a, b, c, x, y, z):  # type: ignore[no-untyped-def]
 
 @helper(forceinline=True)
 def _column_product(a, b, c, x, y, z):  # type: ignore[no-untyped-def]
-    """Return a x + b y + c z in the order of a transposed matrix times a vector."""
+    """Return a x + b y + c z in the order of a product of two matrices, or of a transposed matrix
+    and a vector."""
     return _fused_multiply_add(c, z, _fused_multiply_add(b, y, a * x))

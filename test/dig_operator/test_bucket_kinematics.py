@@ -67,6 +67,11 @@ def test_joint_angles_bring_the_bucket_to_the_pose(rotation, azimuth, radius, he
     assert reached[1:3] == pytest.approx(pose[1:3], abs=1e-9)
 
 
+def test_pose_of_whole_numbers_has_the_joint_angles_of_floats():
+    expected = ARM.joint_angles(observation(), BucketPose(0.0, 6.0, 1.0, 2.0))
+    assert np.array_equal(ARM.joint_angles(observation(), BucketPose(0, 6, 1, 2)), expected)
+
+
 def test_bucket_pose_is_in_the_map_frame():
     observed = observation(
         [0.3, -0.5, 1.5, 1.5], position=(4.0, -1.0, 2.0), rotation=tilted(yaw=0.9)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 
 from machine_sim.machine import (
     EXCAVATOR_JOINTS,
@@ -19,6 +20,7 @@ from machine_sim.machine import (
     tool_point,
     tool_pose,
 )
+from machine_sim.machine.arm_kernels import remainder
 from machine_sim.machine.arm_kinematics import arm_geometry, solve_bucket_pin_angles
 
 from .conftest import MACHINE_FILE
@@ -104,3 +106,15 @@ def test_opening_points_toward_the_machine_to_dig():
 def test_poses_out_of_reach_are_rejected(target, message):
     with pytest.raises(ReachError, match=message):
         solve_arm_angles(MACHINE, *target)
+
+
+@njit  # not cached: the key of a kernel in a test lacks the modules that it imports
+def _remainder(x, y):  # type: ignore[no-untyped-def]
+    return remainder(x, y)
+
+
+@given(st.floats(-100.0, 100.0))
+def test_remainder_in_kernels_has_the_bits_of_that_in_python(angle):
+    turn = 2.0 * math.pi
+    for x in (angle, 0.5 * turn, 1.5 * turn, -0.5 * turn, turn, math.pi * round(angle)):
+        assert _remainder(x, turn).hex() == math.remainder(x, turn).hex()
