@@ -65,6 +65,7 @@ class _Fault(IntEnum):
     WORK = 9
     KIND = 10
     RUT_DEPTH = 11
+    NOT_REQUESTED = 12
 
 
 _FAULT_MESSAGES = {
@@ -89,13 +90,14 @@ _NO_FAULT, _OFF_MAP, _COORDINATE, _VOLUME, _SOIL, _MOISTURE = (
     int(_Fault.SOIL),
     int(_Fault.MOISTURE),
 )
-_TOOL, _REACTION, _WRENCH, _WORK, _KIND, _RUT_DEPTH = (
+_TOOL, _REACTION, _WRENCH, _WORK, _KIND, _RUT_DEPTH, _NOT_REQUESTED = (
     int(_Fault.TOOL),
     int(_Fault.REACTION),
     int(_Fault.WRENCH),
     int(_Fault.WORK),
     int(_Fault.KIND),
     int(_Fault.RUT_DEPTH),
+    int(_Fault.NOT_REQUESTED),
 )
 
 
@@ -257,24 +259,44 @@ def _mark_near(  # type: ignore[no-untyped-def]
 def _check_deposit_answers(conversions: Rows, particles: SoilEngine) -> None:
     """Check that each answer is to a request: a frozen particle, once, with its volume."""
     is_answer = conversions["kind"] != _EXCAVATE
-    if not is_answer.any():
+    answers = conversions if is_answer.all() else conversions[is_answer]
+    if answers.size == 0:
         return
     try:
-        rows = particles.rows_of(conversions["particle_id"][is_answer])
+        rows = particles.rows_of(answers["particle_id"])
     except ParticleError as error:
         raise ExchangeError(
             f"a conversion answers no deposit request: {error}", ErrorCode.PARTICLE
         ) from error
-    if not particles.is_frozen[rows].all():
+    fault = _find_answer_fault(answers, rows, particles.is_frozen, particles.volumes_mm3)
+    if fault == _NOT_REQUESTED:
         raise ExchangeError(
             "a conversion answers a deposit request that this node has not made",
             ErrorCode.PARTICLE,
         )
-    if (particles.volumes_mm3[rows] != conversions["volume_mm3"][is_answer]).any():
+    if fault == _VOLUME:
         raise ExchangeError(
             "a conversion answers a deposit request with another volume than was requested",
             ErrorCode.PARTICLE,
         )
+
+
+@kernel
+def _find_answer_fault(answers, rows, is_frozen, volumes_mm3):  # type: ignore[no-untyped-def]
+    """Return the first fault of answers to deposit requests.
+
+    Args:
+        answers: CONVERSION rows.
+        rows: row of the particle of each answer.
+        is_frozen, volumes_mm3: whether the deposit of each particle is requested, and its volume.
+    """
+    fault = _NO_FAULT
+    for n in range(answers.size):
+        if not is_frozen[rows[n]]:
+            return _NOT_REQUESTED
+        if volumes_mm3[rows[n]] != np.int64(answers[n].volume_mm3):
+            fault = _VOLUME
+    return fault
 
 
 def _reject(name: str, row: np.void, fault: int) -> NoReturn:

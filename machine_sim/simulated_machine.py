@@ -115,13 +115,14 @@ class SimulatedMachine:
     @property
     def payload(self) -> Payload:
         """Soil in all tools at the end of the last tick; the fill is the maximum over the tools."""
-        payloads = [coupling.payload for coupling in self.couplings.values()]
-        return Payload(
-            sum(each.bank_m3 for each in payloads),
-            sum(each.loose_m3 for each in payloads),
-            sum(each.mass_kg for each in payloads),
-            max((each.fill for each in payloads), default=0.0),
-        )
+        bank_m3 = loose_m3 = mass_kg = fill = 0.0
+        for coupling in self.couplings.values():
+            payload = coupling.payload
+            bank_m3 += payload.bank_m3
+            loose_m3 += payload.loose_m3
+            mass_kg += payload.mass_kg
+            fill = max(fill, payload.fill)
+        return Payload(bank_m3, loose_m3, mass_kg, fill)
 
     @property
     def parts_beyond_map(self) -> list[str]:
@@ -179,8 +180,6 @@ class SimulatedMachine:
 
     def before_step(self, dt: float) -> None:
         """Apply drives and loads for the next physics step of `dt` [s]."""
-        for coupling in self.couplings.values():
-            coupling.before_step()
         self.machine.before_step(dt)
 
     def after_step(self) -> None:

@@ -7,10 +7,12 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from machine_sim.machine.box import Vec3
 from msg_bridge.kernels import fixed_signature_kernel, helper
 
 __all__ = [
     "cross",
+    "pose_of",
     "quaternion_from_matrix",
     "rotation_about_z",
     "rotation_from_rpy",
@@ -36,6 +38,26 @@ def rotation_of(x: float, y: float, z: float, w: float) -> Array:
     rotation = np.empty((3, 3))
     _set_rotation(x, y, z, w, rotation)
     return rotation
+
+
+def pose_of(origin: Vec3, quaternion: tuple[float, float, float, float]) -> tuple[Array, Array]:
+    """Return a pose as arrays: rotation matrix, shape (3, 3), and origin, shape (3,).
+
+    Args:
+        origin: three floats.
+        quaternion: x, y, z, w, of any length.
+    """
+    rotation, position = np.empty((3, 3)), np.empty(3)
+    _set_pose(origin, quaternion, rotation, position)
+    return rotation, position
+
+
+@fixed_signature_kernel
+def _set_pose(origin, quaternion, rotation, position):  # type: ignore[no-untyped-def]
+    """Fill the arrays of `pose_of`."""
+    x, y, z, w = quaternion
+    set_rotation(x, y, z, w, rotation)
+    position[0], position[1], position[2] = origin
 
 
 @fixed_signature_kernel

@@ -133,7 +133,9 @@ class TrackedMachine:
         self._angles: tuple[float, ...] = ()
         self._rates: tuple[float, ...] = ()
         self._efforts: tuple[float, ...] = ()
-        self._command = [0.0] * (len(self._limits) + 2)  # joints, then tracks
+        joint_speeds = [limit.max_velocity for limit in self._limits]
+        self._max_speeds = [*joint_speeds, *[spec.tracks.max_speed] * 2]  # joints, then tracks
+        self._command = [0.0] * len(self._max_speeds)
         self._valves = self._make_valves()
         motor_joints = [spec.joint_names.index(name) for name in spec.motors]
         self._reference = JointReference(self._limits, spec.home, motor_joints)
@@ -231,14 +233,12 @@ class TrackedMachine:
                 previous command remains in effect.
         """
         values = self._ordered_velocities(joint_velocities)
-        joints = finite_numbers(values, len(self._limits), "joint velocities")
-        tracks = finite_numbers(track_speeds, 2, "track speeds")
-        max_speed = self.spec.tracks.max_speed
+        speeds = finite_numbers(values, len(self._limits), "joint velocities")
+        speeds += finite_numbers(track_speeds, 2, "track speeds")
         self._command = [
-            min(max(velocity, -limit.max_velocity), limit.max_velocity)
-            for velocity, limit in zip(joints, self._limits, strict=True)
+            min(max(speed, -max_speed), max_speed)
+            for speed, max_speed in zip(speeds, self._max_speeds, strict=True)
         ]
-        self._command += [min(max(speed, -max_speed), max_speed) for speed in tracks]
         for tool, joint in self._moved_tools:
             if tool.shape.spins:
                 tool.commanded_drum_speed = self._command[joint]
@@ -351,11 +351,10 @@ class TrackedMachine:
     def _make_valves(self) -> Valves:
         """Return the valves of joints and tracks."""
         spec = self.spec
-        max_speeds = [limit.max_velocity for limit in self._limits]
         is_hydraulic = [name in spec.cylinders or name in spec.motors for name in spec.joints]
         return Valves(
             spec.supply,
-            [*max_speeds, *[spec.tracks.max_speed] * 2],
+            self._max_speeds,
             [*is_hydraulic, *[spec.tracks.motor is not None] * 2],
         )
 

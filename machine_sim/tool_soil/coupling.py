@@ -79,7 +79,7 @@ class ToolSoilCoupling:
         )
         self.resistance = interaction.make_resistance(tool, machine_mass, params)
         self._resistance_wrench = _ZERO_WRENCH
-        self._previous_pose = tool.pose
+        self._last_pose = tool.pose
         self._frame_history = deque([tool.frame], maxlen=_NUM_FRAMES)
         self._reported_room = ReportedRoom(_NUM_FRAMES)
         self.payload: Payload = interaction.measure(particles, tool.pose)[0]
@@ -99,7 +99,7 @@ class ToolSoilCoupling:
                 "a tool that digs cannot take the place of one that does not, nor the reverse; give"
                 " a tool of the same kind"
             )
-        self._previous_pose = self.tool.pose
+        self._last_pose = self.tool.pose
         self._frame_history = deque(other._frame_history, maxlen=_NUM_FRAMES)
         self._reported_room.continue_from(other._reported_room)
         self._particles.set_tool_motion(self.tool_id, self.tool.pose, self.tool.pose)
@@ -149,11 +149,17 @@ class ToolSoilCoupling:
     def receive(self, forces: Rows, ticks_ago: int) -> None:
         """Take FORCE rows of this node's tools that answer the tick `ticks_ago` ticks ago."""
         self._reported_room.receive_answer(ticks_ago)
-        own = [k for k, tool in enumerate(forces["tool"].tolist()) if tool == self.tool_id]
-        if own:
-            # The rows of a node with one tool are all its own: NumPy takes 7 us to select rows.
-            rows = forces if len(own) == forces.size else forces[own]
-            self.resistance.receive(rows, self.frame_at(ticks_ago))
+        if forces.size == 0:
+            return
+        tools = forces["tool"].tolist()
+        count = tools.count(self.tool_id)
+        if count == 0:
+            return
+        first = tools.index(self.tool_id)
+        rows = forces[first : first + count]
+        if tools[first : first + count].count(self.tool_id) < count:  # the soil sends them together
+            rows = forces[forces["tool"] == self.tool_id]
+        self.resistance.receive(rows, self.frame_at(ticks_ago))
 
     def begin_tick(self, tick: int) -> None:
         """Begin the tick of a number: release pending soil as particles."""
@@ -162,13 +168,10 @@ class ToolSoilCoupling:
             self._particles, self.tool.frame, tick, self._interaction.release_twist(self.tool)
         )
 
-    def before_step(self) -> None:
-        """Store the tool's pose before the machine moves."""
-        self._previous_pose = self.tool.pose
-
     def after_step(self) -> None:
         """Pass the tool's motion in the physics step to the particle engine."""
-        self._particles.set_tool_motion(self.tool_id, self._previous_pose, self.tool.pose)
+        start, self._last_pose = self._last_pose, self.tool.pose
+        self._particles.set_tool_motion(self.tool_id, start, self._last_pose)
 
     def apply_soil_forces(self, dt: float) -> None:
         """Apply load and resistance to the machine in the next physics step of `dt` [s]."""

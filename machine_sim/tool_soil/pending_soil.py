@@ -153,9 +153,9 @@ class PendingSoil:
 
     def receive(self, excavated: Rows, pose: Pose, tick: int) -> None:
         """Credit CONVERSION rows of the kind EXCAVATE of a tool at a pose in a tick."""
-        # Contiguous, as one row is: a kernel is compiled for each memory layout.
-        coordinates = (np.ascontiguousarray(excavated[axis]) for axis in "xyz")
-        points = _local_points(*coordinates, *pose).tolist()
+        local_points = np.empty((excavated.size, 3))
+        _fill_local_points(excavated, *pose, local_points)
+        points = local_points.tolist()
         columns = (
             excavated[name].tolist() for name in ("row", "col", "volume_mm3", "moisture", "soil")
         )
@@ -331,17 +331,15 @@ class PendingSoil:
 
 
 @kernel
-def _local_points(x, y, z, rotation, origin):  # type: ignore[no-untyped-def]
-    """Return points of the map frame [m] in the frame of a pose, shape (n, 3).
+def _fill_local_points(rows, rotation, origin, points):  # type: ignore[no-untyped-def]
+    """Fill an array with the positions of rows in the frame of a pose [m], shape (n, 3).
 
     Component by component: the last bits of a matrix product depend on its number of rows.
     """
-    points = np.empty((len(x), 3))
-    for i in range(len(x)):
-        a, b, c = x[i] - origin[0], y[i] - origin[1], z[i] - origin[2]
+    for i in range(rows.size):
+        a, b, c = rows[i].x - origin[0], rows[i].y - origin[1], rows[i].z - origin[2]
         for k in range(3):
             points[i, k] = a * rotation[0, k] + b * rotation[1, k] + c * rotation[2, k]
-    return points
 
 
 @kernel

@@ -11,7 +11,16 @@ from machine_sim.machine import MachineError, arm_geometry, solve_arm_angles
 from machine_sim.simulated_bin import BinSpec
 from machine_sim.simulated_machine import Placement
 from machine_sim.simulation import MachineSim
-from msg_bridge.contract.rows import CONVERSION, MAP_UPDATE, ConversionKind, SweepAction, empty_rows
+from machine_sim.tool_soil.capped_spring_damper import MAX_FORCE
+from msg_bridge.contract.rows import (
+    CONVERSION,
+    FORCE,
+    MAP_UPDATE,
+    ConversionKind,
+    SoilReaction,
+    SweepAction,
+    empty_rows,
+)
 
 EXCAVATOR, HEADER, DUMPER = (
     load_shipped_machine(name) for name in ("excavator", "road_header", "dumper")
@@ -84,6 +93,22 @@ def test_distance_to_a_tool_is_that_of_its_nearest_key_point(simulate) -> None:
     rows["x"], rows["y"], rows["z"] = pin + rotation @ [1.45, 0.6, 0.0]
     sim.apply(rows, NOTHING[1])
     assert first.pending.total_mm3 == 100
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [0, 2, 1]], ids=["together", "apart"])
+def test_each_tool_takes_its_own_force_rows(simulate, order: list[int]) -> None:
+    sim = simulate(Placement(EXCAVATOR, (-4.0, 0.0)), Placement(EXCAVATOR, (-4.0, 8.0)))
+    first, second = (each.couplings["bucket"] for each in sim.simulated_machines)
+    forces = empty_rows(FORCE, 3)
+    forces["tool"] = first.tool_id, first.tool_id, second.tool_id
+    forces["reaction"] = SoilReaction.CUT, SoilReaction.BEARING, SoilReaction.CUT
+    forces["fz"] = 1e3, 2e3, 4e3
+    sim.apply(*NOTHING, forces[order])
+    resistances = [first.resistance, second.resistance]
+    assert [each.spring_dampers[:, MAX_FORCE].tolist() for each in resistances] == [
+        [1e3, 2e3],
+        [4e3, 0.0],
+    ]
 
 
 def test_overlapping_objects_are_rejected(simulate) -> None:

@@ -109,9 +109,18 @@ class BucketShape(OpenContainer):
     @cached_property
     def _max_clearance(self) -> float:
         """Half of the largest distance from all plates that a point in the bucket can have [m]."""
-        normals, offsets = self.half_planes
-        distances = (offsets - normals @ self.profile.mean(axis=0))[:-1]
+        distances = (self.half_planes.offsets - self._distances_of_middle)[:-1]
         return 0.5 * min(0.5 * self.width, float(distances.min()))
+
+    @cached_property
+    def _middle(self) -> Array:
+        """Middle of the profile (x, z) [m], shape (2,)."""
+        return np.asarray(self.profile.mean(axis=0), dtype=np.float64)
+
+    @cached_property
+    def _distances_of_middle(self) -> Array:
+        """Product of each normal of the half-planes with the middle of the profile [m]."""
+        return self.half_planes.normals @ self._middle
 
     def clamp_inside(self, points_local: ArrayLike, clearance: float) -> Array:
         """Return points moved into the struck volume, at `clearance` [m] or more from all plates.
@@ -128,16 +137,16 @@ class BucketShape(OpenContainer):
         """
         points = np.array(points_local, dtype=np.float64).reshape(-1, 3)
         normals, offsets = self.half_planes
-        middle = self.profile.mean(axis=0)
+        middle = self._middle
         limit = offsets.copy()
         limit[:-1] -= clearance
-        max_distance = limit - normals @ middle
+        max_distance = limit - self._distances_of_middle
         if not (clearance >= 0.0 and (max_distance > 0.0).all() and 2.0 * clearance < self.width):
             raise MachineError(
                 f"a clearance of {clearance} m leaves no space in the bucket; give a smaller one"
             )
         half_width = 0.5 * self.width - clearance
-        points[:, 1] = np.clip(points[:, 1], -half_width, half_width)
+        points[:, 1] = np.minimum(np.maximum(points[:, 1], -half_width), half_width)
         offset = points[:, [0, 2]] - middle
         distance = offset @ normals.T
         is_outside = distance > max_distance

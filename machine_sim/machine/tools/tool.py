@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from machine_sim.machine.box import Vec3
 from machine_sim.machine.errors import MachineError
-from machine_sim.machine.rotations import cross, rotation_of
+from machine_sim.machine.rotations import cross, pose_of
 from machine_sim.machine.spec import LinkSpec
 from machine_sim.machine.tools.shapes import ToolShape
 from machine_sim.machine.validation import finite_numbers
@@ -30,10 +30,16 @@ class Tool:
         shape: shape of the tool.
         mass: mass of its link [kg].
         inertia: moment of inertia of its link about y through the centre of mass [kg m^2].
+        pose: rotation matrix tool to map, shape (3, 3), and origin of the frame [m], shape (3,),
+            map frame; arrays that later steps do not change.
+        frame: pose without the rotation of a spinning tool about its joint.
         drum_speed: angular speed of the joint of a spinning tool [rad/s], 0 for others.
         commanded_drum_speed: angular speed that its drive is commanded to [rad/s].
         drum_torque: maximum torque of its drive [N m].
     """
+
+    pose: tuple[Array, Array]
+    frame: tuple[Array, Array]
 
     def __init__(
         self,
@@ -75,7 +81,7 @@ class Tool:
         f, t = finite_numbers(force, 3, "tool force"), finite_numbers(torque, 3, "tool torque")
         if point is not None:
             at = np.array(finite_numbers(point, 3, "point of the wrench"))
-            t = (np.array(t) + cross(at - self._origin, np.array(f))).tolist()
+            t = (np.array(t) + cross(at - self.pose[1], np.array(f))).tolist()
         self.add_wrench([*f, *t])
 
     def add_wrench(self, wrench: list[float]) -> None:
@@ -112,15 +118,14 @@ class Tool:
         (_, _, _, _, self._origin_list, quaternion, self._com_velocity, self._angular_velocity) = (
             pybullet.getLinkState(self._body, self._link, 1, 1, self._client)
         )
-        self._origin = np.array(self._origin_list)
-        self._rotation = rotation_of(*quaternion)
-        self._frame = self._rotation, self._origin
+        self.pose = self.frame = pose_of(self._origin_list, quaternion)
         if self.shape.spins:
             self.drum_speed = joint_rate
             s, c = math.sin(joint_angle), math.cos(joint_angle)
             inverse = self._inverse_spin
             inverse[0, 0], inverse[0, 2], inverse[2, 0], inverse[2, 2] = c, -s, s, c
-            self._frame = self._rotation.dot(inverse), self._origin
+            rotation, origin = self.pose
+            self.frame = rotation.dot(inverse), origin
 
     @property
     def is_driven(self) -> bool:
@@ -128,19 +133,9 @@ class Tool:
         return abs(self.drum_speed) >= MIN_DRUM_SPEED or self.commanded_drum_speed != 0.0
 
     @property
-    def pose(self) -> tuple[Array, Array]:
-        """Rotation matrix tool to map, shape (3, 3), and origin of the frame [m], shape (3,)."""
-        return self._rotation, self._origin
-
-    @property
-    def frame(self) -> tuple[Array, Array]:
-        """Pose as in `pose`, but without the rotation of a spinning tool about its joint."""
-        return self._frame
-
-    @property
     def velocity(self) -> tuple[Vec3, Vec3]:
         """Velocity of the tool frame's origin [m/s] and angular velocity [rad/s], map frame."""
         (vx, vy, vz), (wx, wy, wz) = self._com_velocity, self._angular_velocity
-        x, y, z = self._rotation.dot(self._com).tolist()
+        x, y, z = self.pose[0].dot(self._com).tolist()
         velocity = (vx - (wy * z - wz * y), vy - (wz * x - wx * z), vz - (wx * y - wy * x))
         return velocity, self._angular_velocity

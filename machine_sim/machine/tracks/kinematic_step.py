@@ -153,7 +153,9 @@ def _shoe_forces(  # type: ignore[no-untyped-def]
     (r00, _, r02), (r10, _, r12), (r20, _, r22) = base.rotation
     belt_force, total_load, load_depth = 0.0, 0.0, 0.0
     for k in range(count):
-        s = (state.travel[side] + k * length / count) % length
+        s = state.travel[side] + k * length / count
+        if s >= length:  # both are at most once round the path; faster than a modulo, and as exact
+            s -= length
         x, z, pitch, is_on_arc, (tx, tz) = _belt_path_pose(
             s, dimensions.half_axle_distance, dimensions.sprocket_radius
         )
