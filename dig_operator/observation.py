@@ -128,4 +128,4 @@ class BaseFilter:
         self._rotation = self._rotation + weight * (observation.base_rotation - self._rotation)
         # The rotation nearest to the average.
         u, _, v = np.linalg.svd(self._rotation)
-        return observation.with_base(self._position, u @ v)
+        return observation.with_base(self._position, u.dot(v))

@@ -151,13 +151,14 @@ class ToolSoilCoupling:
         self._reported_room.receive_answer(ticks_ago)
         if forces.size == 0:
             return
-        tools = forces["tool"].tolist()
-        count = tools.count(self.tool_id)
+        first, count, are_together = _find_rows_of_tool(forces, self.tool_id)
         if count == 0:
             return
-        first = tools.index(self.tool_id)
-        rows = forces[first : first + count]
-        if tools[first : first + count].count(self.tool_id) < count:  # the soil sends them together
+        if count == forces.size:
+            rows = forces
+        elif are_together:  # as the soil sends them
+            rows = forces[first : first + count]
+        else:
             rows = forces[forces["tool"] == self.tool_id]
         self.resistance.receive(rows, self.frame_at(ticks_ago))
 
@@ -233,3 +234,17 @@ def _nearest_distances(points, key_points):  # type: ignore[no-untyped-def]
             nearest = min(nearest, square)
         distances[i] = math.sqrt(nearest)
     return distances
+
+
+@kernel
+def _find_rows_of_tool(forces, tool_id):  # type: ignore[no-untyped-def]
+    """Find the FORCE rows of a tool.
+
+    Returns:
+        Index of the first of them, their number, and whether they are in succession.
+    """
+    first, last, count = -1, -1, 0
+    for n in range(forces.size):
+        if forces[n].tool == tool_id:
+            first, last, count = n if first < 0 else first, n, count + 1
+    return first, count, last - first + 1 == count
