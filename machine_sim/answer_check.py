@@ -14,6 +14,7 @@ from typing import NoReturn
 
 import numpy as np
 
+from machine_sim.conversion_kinds import split_kind
 from machine_sim.dem import ParticleError, SoilEngine
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.tool_soil.coupling import ToolSoilCoupling
@@ -258,8 +259,7 @@ def _mark_near(  # type: ignore[no-untyped-def]
 
 def _check_deposit_answers(conversions: Rows, particles: SoilEngine) -> None:
     """Check that each answer is to a request: a frozen particle, once, with its volume."""
-    is_answer = conversions["kind"] != _EXCAVATE
-    answers = conversions if is_answer.all() else conversions[is_answer]
+    _, answers = split_kind(conversions, _EXCAVATE)
     if answers.size == 0:
         return
     try:

@@ -26,6 +26,7 @@ from machine_sim.answer_check import (
     check_forces,
     check_map_updates,
 )
+from machine_sim.conversion_kinds import split_kind
 from machine_sim.dem import ParticleEngine, ParticleParams, SoilEngine
 from machine_sim.deposit_requests import request_deposits
 from machine_sim.ground.contact_surface import Ground
@@ -128,6 +129,7 @@ class MachineSim:
         engine = CubeEngine if particle_params.mode == "cubes" else ParticleEngine
         self.particles: SoilEngine = engine(particle_params, self.ground, soils=soils)
         self.simulated_machines: list[SimulatedMachine] = []
+        self._num_tool_ids = 0
         for placement in machines:
             simulated_machine = SimulatedMachine(
                 placement,
@@ -139,9 +141,9 @@ class MachineSim:
                 seed=seed,
             )
             self.simulated_machines.append(simulated_machine)
-        num_tool_ids = self._num_tool_ids
+            self._num_tool_ids += simulated_machine.num_tool_ids
         self.bins = [
-            SimulatedBin(spec, self._client, self.ground, self.particles, num_tool_ids + k)
+            SimulatedBin(spec, self._client, self.ground, self.particles, self._num_tool_ids + k)
             for k, spec in enumerate(bins)
         ]
         check_overlaps(self._client, [each.machine for each in self.simulated_machines], self.bins)
@@ -190,11 +192,6 @@ class MachineSim:
             made: a simulation of the same machines; it must not be stepped any more.
         """
         self._physics = made._physics
-
-    @property
-    def _num_tool_ids(self) -> int:
-        """Number of tool ids that the machines made so far take."""
-        return sum(each.num_tool_ids for each in self.simulated_machines)
 
     @property
     def machine(self) -> TrackedMachine:
@@ -262,15 +259,13 @@ class MachineSim:
                 coupling.receive(forces, ticks_ago)
         if conversions.size == 0:
             return
-        kind = conversions["kind"]
-        is_excavated = kind == _EXCAVATE
-        if is_excavated.all():
-            self.credit_excavated_soil(conversions, ticks_ago)
-            return
-        self.credit_excavated_soil(conversions[is_excavated], ticks_ago)
-        particle_id, is_rejected = conversions["particle_id"], kind == _REJECT
-        self.particles.remove(particle_id[~(is_excavated | is_rejected)])
-        self.particles.unfreeze(particle_id[is_rejected])
+        excavated, answers = split_kind(conversions, _EXCAVATE)
+        rejected, deposited = split_kind(answers, _REJECT)
+        self.credit_excavated_soil(excavated, ticks_ago)
+        if deposited.size:
+            self.particles.remove(deposited["particle_id"])
+        if rejected.size:
+            self.particles.unfreeze(rejected["particle_id"])
 
     def synchronize(self, keyframe: Keyframe, backlog: Rows) -> None:
         """Apply the present terrain and the conversion backlog after a join or rejoin.

@@ -140,7 +140,7 @@ class TrackedMachine:
         self._valves = self._make_valves()
         motor_joints = [spec.joint_names.index(name) for name in spec.motors]
         self._reference = JointReference(self._limits, spec.home, motor_joints)
-        # A view, which mypy does not know to be a buffer.
+        # A view; the stubs of NumPy do not declare arrays as buffers.
         self._joint_motion: Any = self._reference.table[ANGLE : EFFORT + 1].reshape(-1)
         self._joint_motion_format = f"{self._joint_motion.size}d"
         self._motor_targets = self._reference.table[TARGET_ANGLE : TORQUE_LIMIT + 1]  # another
