@@ -8,6 +8,7 @@ horizontal.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from machine_sim.machine.arm_kinematics import (
     solve_bucket_pin_angles,
     tool_pose,
 )
+from machine_sim.machine.errors import ReachError
 from machine_sim.machine.rotated_vectors import product_column, rotate_to_map
 from machine_sim.machine.rotations import rotation_about_z
 from machine_sim.machine.spec import MachineSpec
@@ -74,8 +76,10 @@ class BucketKinematics:
         self._floor_angle = math.atan2(z0 - z1, x0 - x1)
 
     def warm_up(self) -> None:
-        """Compile the kernel of `joint_angles`, or load it, before the first tick."""
+        """Compile the kernels of `joint_angles`, or load them, before the first tick."""
         _joint_angles(self._arm, np.zeros(3), np.eye(3), 0.0, 0.0, 0.0, 0.0, 0.0, np.empty(4))
+        with suppress(ReachError):
+            solve_bucket_pin_angles(self._machine, 0.0, 0.0)
 
     def attitude_for_attack_angle(self, angle: float) -> float:
         """Return the attitude at which the floor behind the lip is `angle` [rad] below level.

@@ -66,7 +66,6 @@ class _Fault(IntEnum):
     WORK = 9
     KIND = 10
     RUT_DEPTH = 11
-    NOT_REQUESTED = 12
 
 
 _FAULT_MESSAGES = {
@@ -91,14 +90,13 @@ _NO_FAULT, _OFF_MAP, _COORDINATE, _VOLUME, _SOIL, _MOISTURE = (
     int(_Fault.SOIL),
     int(_Fault.MOISTURE),
 )
-_TOOL, _REACTION, _WRENCH, _WORK, _KIND, _RUT_DEPTH, _NOT_REQUESTED = (
+_TOOL, _REACTION, _WRENCH, _WORK, _KIND, _RUT_DEPTH = (
     int(_Fault.TOOL),
     int(_Fault.REACTION),
     int(_Fault.WRENCH),
     int(_Fault.WORK),
     int(_Fault.KIND),
     int(_Fault.RUT_DEPTH),
-    int(_Fault.NOT_REQUESTED),
 )
 
 
@@ -268,35 +266,16 @@ def _check_deposit_answers(conversions: Rows, particles: SoilEngine) -> None:
         raise ExchangeError(
             f"a conversion answers no deposit request: {error}", ErrorCode.PARTICLE
         ) from error
-    fault = _find_answer_fault(answers, rows, particles.is_frozen, particles.volumes_mm3)
-    if fault == _NOT_REQUESTED:
+    if not particles.is_frozen[rows].all():
         raise ExchangeError(
             "a conversion answers a deposit request that this node has not made",
             ErrorCode.PARTICLE,
         )
-    if fault == _VOLUME:
+    if (particles.volumes_mm3[rows] != answers["volume_mm3"]).any():
         raise ExchangeError(
             "a conversion answers a deposit request with another volume than was requested",
             ErrorCode.PARTICLE,
         )
-
-
-@kernel
-def _find_answer_fault(answers, rows, is_frozen, volumes_mm3):  # type: ignore[no-untyped-def]
-    """Return the first fault of answers to deposit requests.
-
-    Args:
-        answers: CONVERSION rows.
-        rows: row of the particle of each answer.
-        is_frozen, volumes_mm3: whether the deposit of each particle is requested, and its volume.
-    """
-    fault = _NO_FAULT
-    for n in range(answers.size):
-        if not is_frozen[rows[n]]:
-            return _NOT_REQUESTED
-        if volumes_mm3[rows[n]] != np.int64(answers[n].volume_mm3):
-            fault = _VOLUME
-    return fault
 
 
 def _reject(name: str, row: np.void, fault: int) -> NoReturn:

@@ -31,17 +31,15 @@ def rotation_matrix(quaternion: ArrayLike) -> Array:
 
 
 def rotation_of(x: float, y: float, z: float, w: float) -> Array:
-    """Return `rotation_matrix` of four floats; it is fast, because machines need it in each step.
-
-    The array is made here: one that a kernel makes takes four times as long to return.
-    """
-    rotation = np.empty((3, 3))
-    _set_rotation(x, y, z, w, rotation)
+    """Return `rotation_matrix` of four floats; it is fast, because machines need it often."""
+    rotation, _ = pose_of((0.0, 0.0, 0.0), (x, y, z, w))
     return rotation
 
 
 def pose_of(origin: Vec3, quaternion: tuple[float, float, float, float]) -> tuple[Array, Array]:
     """Return a pose as arrays: rotation matrix, shape (3, 3), and origin, shape (3,).
+
+    The arrays are made here: one that a kernel makes takes four times as long to return.
 
     Args:
         origin: three floats.
@@ -58,12 +56,6 @@ def _set_pose(origin, quaternion, rotation, position):  # type: ignore[no-untype
     x, y, z, w = quaternion
     set_rotation(x, y, z, w, rotation)
     position[0], position[1], position[2] = origin
-
-
-@fixed_signature_kernel
-def _set_rotation(x, y, z, w, rotation):  # type: ignore[no-untyped-def]
-    """Run `set_rotation` alone."""
-    set_rotation(x, y, z, w, rotation)
 
 
 @helper
