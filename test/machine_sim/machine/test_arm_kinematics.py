@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numba import njit
 
 from machine_sim.machine import (
     EXCAVATOR_JOINTS,
@@ -22,6 +21,7 @@ from machine_sim.machine import (
 )
 from machine_sim.machine.arm_kernels import remainder
 from machine_sim.machine.arm_kinematics import arm_geometry, solve_bucket_pin_angles
+from msg_bridge.kernels import kernel
 
 from .conftest import MACHINE_FILE
 
@@ -108,7 +108,7 @@ def test_poses_out_of_reach_are_rejected(target, message):
         solve_arm_angles(MACHINE, *target)
 
 
-@njit  # not cached: the key of a kernel in a test lacks the modules that it imports
+@kernel
 def _remainder(x, y):  # type: ignore[no-untyped-def]
     return remainder(x, y)
 
