@@ -23,18 +23,24 @@ _INITIAL_FRACTION, _FINAL_FRACTION, _RAMP_PASSES = 0.5, 0.9, 8
 """Fraction of an excess that a column gives: first, later, and the number of passes between. A
 larger fraction is faster, but a tall heap would spread too far at first."""
 
+_FINAL_FRACTION_OF_VARYING = 0.95
+"""The later fraction where angles of repose vary: slopes come to rest there in more passes."""
+
 
 class PairDirections(NamedTuple):
     """Directions of the pairs of a pass.
 
     Attributes:
-        offsets: (row, col) from a column to its partner [cells], shape (n, 2), int64.
+        offsets: (row, col) from a column to its partner [cells], shape (n, 2), int64. Those that
+            are parallel to a shorter one come last.
+        num_shortest: number of the others.
         distance: distance of the partners [m], shape (n,), float32.
         tolerance: excess of height that is not relaxed [m], shape (n,), float32.
         between: columns between the partners, see `columns_between`.
     """
 
     offsets: NDArray[np.int64]
+    num_shortest: int
     distance: NDArray[np.float32]
     tolerance: NDArray[np.float32]
     between: NDArray[np.int64]
@@ -75,20 +81,16 @@ def pair_directions(
         tolerance: excess of height that is not relaxed over the whole neighbourhood [m].
         is_uniform: whether all columns have one angle of repose.
     """
-    offsets = np.array(
-        [
-            (int(di), int(dj))
-            for di, dj in neighbours
-            if (di > 0 or (di == 0 and dj > 0))
-            and (not is_uniform or math.gcd(abs(int(di)), abs(int(dj))) == 1)
-        ],
-        dtype=np.int64,
-    )
+    halves = [(di, dj) for di, dj in neighbours.tolist() if di > 0 or (di == 0 and dj > 0)]
+    shortest = [each for each in halves if math.gcd(*each) == 1]
+    others = [] if is_uniform else [each for each in halves if math.gcd(*each) > 1]
+    offsets = np.array(shortest + others, dtype=np.int64)
     repetitions = np.ones(len(offsets))
     if is_uniform:  # within a reach of 4, (1, 0) is applied four times: the excesses add up
         repetitions = int(np.abs(neighbours).max()) // np.abs(offsets).max(axis=1)
     return PairDirections(
         offsets,
+        len(shortest),
         (np.hypot(*offsets.T) * cell).astype(np.float32),
         (tolerance / repetitions).astype(np.float32),
         columns_between(offsets),
@@ -100,7 +102,8 @@ def relax_passes(heights, surface, directions, retained, num_done, max_passes): 
     """Relax all pairs of a window, pass by pass, until nothing moves.
 
     Pairs of rows in which nothing has moved since they were relaxed last are skipped: nothing would
-    move between them.
+    move between them. In directions that are parallel to a shorter one, little moves: their pairs
+    are relaxed in every second pass only.
 
     Args:
         heights: surface [m], shape (rows, padded cols), float32; changed.
@@ -155,14 +158,17 @@ def _relax_passes(layers, shape, num_cols, directions, distance, retained, progr
         np.empty(shape[1], np.float32),
     )
     num_done, max_passes = progress
+    final_fraction = _FINAL_FRACTION if layers[2] is None else _FINAL_FRACTION_OF_VARYING
     for n in range(max_passes):
         ramp = min((num_done + n) / _RAMP_PASSES, 1.0)
-        fraction = np.float32(_INITIAL_FRACTION + (_FINAL_FRACTION - _INITIAL_FRACTION) * ramp)
+        fraction = np.float32(_INITIAL_FRACTION + (final_fraction - _INITIAL_FRACTION) * ramp)
+        is_odd = (num_done + n) % 2 == 1
+        count = distance.size if is_odd else directions.num_shortest
         has_moved = _relax_pass(
-            layers, shape, num_cols, directions, distance, retained, fraction,
-            (num_done + n) % 2 == 1, scratch, n * halves,
+            layers, shape, num_cols, directions, distance, retained, fraction, count, is_odd,
+            scratch, n * halves,
         )  # fmt: skip
-        if not has_moved:
+        if not has_moved and count == distance.size:
             return False, n + 1
     return True, max_passes
 
@@ -186,9 +192,10 @@ def _first_columns(offsets, stride):  # type: ignore[no-untyped-def]
 
 @helper
 def _relax_pass(  # type: ignore[no-untyped-def]
-    layers, shape, num_cols, directions, distance, retained, fraction, backward, scratch, step
-):
-    """Relax all pairs of a window once, in every direction.
+    layers, shape, num_cols, directions, distance, retained, fraction, count, backward, scratch,
+    step,
+):  # fmt: skip
+    """Relax all pairs of a window once, in some directions.
 
     The whole width of padded rows is relaxed, for vector instructions: no soil moves to or from the
     columns that pad them, nor from one row to the next through these.
@@ -196,7 +203,8 @@ def _relax_pass(  # type: ignore[no-untyped-def]
     Args:
         layers, shape, num_cols, directions, distance, retained: see `_relax_passes`.
         fraction: fraction of the excess that the higher column gives, float32.
-        backward: whether to take the directions in reverse order.
+        count: number of the directions, of those in `directions` the first ones.
+        backward: whether to take them in reverse order.
         scratch: `_Scratch`.
         step: number of the first step of the pass.
 
@@ -204,7 +212,6 @@ def _relax_pass(  # type: ignore[no-untyped-def]
         Whether any soil moved.
     """
     heights, relaxed_at, starts = layers[0], scratch.relaxed_at, retained.starts
-    count = distance.size
     has_moved = False
     width = relaxed_cols(num_cols)
     for n in range(count):

@@ -184,7 +184,8 @@ def _relax_window(  # type: ignore[no-untyped-def]
     surface = copy_surface(columns, params, occupied, bounds)
     all_directions = boxed_directions.table
     directions = all_directions.uniform if surface.is_uniform else all_directions.varying
-    num_pairs = surface.heights.shape[0] * surface.num_cols * directions.offsets.shape[0]
+    num_directions = (directions.num_shortest + directions.distance.size) // 2
+    num_pairs = surface.heights.shape[0] * surface.num_cols * num_directions
     pass_cost = max(1, num_pairs // _PAIRS_PER_VISIT)
     max_passes = max(1, min(budget // pass_cost, max_passes))
     heights = surface.heights.copy()

@@ -154,14 +154,18 @@ class SlopeRelaxation:
             The number of cell visits, or their equivalent for windows.
         """
         remaining = _UNLIMITED if budget is None else budget
-        spent = 0
+        spent = min_remaining = 0
         num_pending = self.num_pending
-        while self.is_enabled and remaining > 0 and num_pending:
+        while self.is_enabled and remaining > min_remaining and num_pending:
             if self._window_relaxation.is_running or self._is_window_cheaper():
                 visits = self._relax_window(remaining)
+                # Copying the surface, and applying what the passes changed, takes as long as some
+                # passes: a last call for one or two passes would waste time.
+                min_remaining = visits if self._window_relaxation.is_running else 0
             else:
                 visits = self._relax_cells(min(remaining, _VISITS_PER_CALL))
                 self._num_visits += visits
+                min_remaining = 0
             spent += visits
             remaining -= visits
             num_pending = self.num_pending
