@@ -9,7 +9,8 @@ Spheres with rotation touch each other, tools and the terrain. In the order of t
 - `neighbours`: the list of pairs that may touch
 - `contacts`: contacts of pairs, at plates and on the ground, and their forces
 - `integrate`, `substeps`: explicit integration; `step_motion`: the motion in a step, in one call
-- `partition`: parts of the work that threads can do at the same time
+- `partition`: parts of the work that threads can do at the same time; `compaction`: lists filled a
+  vector at a time
 - `tools`: tool geometry and motion
 - `sleep`: particles at rest, and soil that is locked to a tool
 - `invalidation`: what is rebuilt after which change; `step_buffers`: memory of a step

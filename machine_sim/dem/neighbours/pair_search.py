@@ -12,9 +12,9 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
+from machine_sim.dem.compaction import COMPACTION_SIZE, append_pairs, copy_vector
 from machine_sim.dem.neighbours.neighbourhood import (
     REACH,
-    WORD,
     allocate_neighbourhood,
     list_all_pairs,
     list_later_pairs,
@@ -71,18 +71,24 @@ def find_pairs(grid, fast_outliers, sparse, particles, first, second, begin, end
         Number of pairs, or -1 where the table is too small.
     """
     order, n = grid.order, grid.order.size
-    packed, is_active = np.empty((4, n), np.float32), np.empty(n, np.uint8)
+    # Strips of these are copied in whole vectors.
+    packed = np.empty((4, n + COMPACTION_SIZE), np.float32)
+    row, is_active = (
+        np.empty(n + COMPACTION_SIZE, np.uint32),
+        np.empty(n + COMPACTION_SIZE, np.uint8),
+    )
     for c in prange(NUM_CHUNKS):
         _pack_sorted(
-            c * n // NUM_CHUNKS, (c + 1) * n // NUM_CHUNKS, order, particles, packed, is_active
+            c * n // NUM_CHUNKS, (c + 1) * n // NUM_CHUNKS, order, particles, packed, row, is_active
         )
     # Each chunk of the cells fills a section of the table; then the sections are joined.
     num_found, capacity = np.zeros(NUM_CHUNKS, np.int64), first.size // NUM_CHUNKS
     for c in prange(NUM_CHUNKS):
         low, high = _chunk_start(c, grid), _chunk_start(c + 1, grid)
         num_found[c] = _find_chunk_pairs(
-            low, high, grid, sparse, packed, is_active, first[c * capacity : (c + 1) * capacity],
-            second[c * capacity : (c + 1) * capacity], begin, end,
+            low, high, grid, sparse, packed, row, is_active,
+            first[c * capacity : (c + 1) * capacity], second[c * capacity : (c + 1) * capacity],
+            begin, end,
         )  # fmt: skip
     if num_found.min() < 0:
         return -1
@@ -102,8 +108,8 @@ def find_pairs(grid, fast_outliers, sparse, particles, first, second, begin, end
 
 
 @helper(forceinline=True)
-def _pack_sorted(low, high, order, particles, packed, is_active):  # type: ignore[no-untyped-def]
-    """Copy positions, reaches and activity in the order of cells.
+def _pack_sorted(low, high, order, particles, packed, row, is_active):  # type: ignore[no-untyped-def]
+    """Copy positions, reaches, rows and activity in the order of cells.
 
     Positions are in float32 relative to a particle in the middle, which is accurate enough for a
     list with a skin.
@@ -114,7 +120,7 @@ def _pack_sorted(low, high, order, particles, packed, is_active):  # type: ignor
         i = order[place]
         for axis in range(3):
             packed[axis, place] = position[i, axis] - position[middle, axis]
-        packed[REACH, place], is_active[place] = reach[i], active[i]
+        packed[REACH, place], row[place], is_active[place] = reach[i], i, active[i]
 
 
 @helper(forceinline=True)
@@ -137,7 +143,9 @@ def _move_section(source, count, target, rows, first, second, begin, end):  # ty
 
 
 @helper(allocates=True, forceinline=True)
-def _find_chunk_pairs(low, high, grid, sparse, packed, is_active, first, second, begin, end):  # type: ignore[no-untyped-def]
+def _find_chunk_pairs(  # type: ignore[no-untyped-def]
+    low, high, grid, sparse, packed, row, is_active, first, second, begin, end
+):
     """List the pairs of the cells at places `low` to `high` - 1.
 
     All particles of a cell have the same neighbourhood: half of the 27 cells, or all of them where
@@ -159,11 +167,11 @@ def _find_chunk_pairs(low, high, grid, sparse, packed, is_active, first, second,
             place = end_of_cell
             continue
         size = _find_strips(c, place, start, shape, sparse, strip_low, strip_high)
-        if size > around.row.size:
+        if size + COMPACTION_SIZE > around.row.size:
             around = allocate_neighbourhood(2 * size)
         if count + (end_of_cell - place) * size > first.size:
             return -1
-        num_after = _gather(strip_low, strip_high, sparse, order, packed, is_active, around)
+        num_after = _gather(strip_low, strip_high, sparse, packed, row, is_active, around)
         for own in range(end_of_cell - place):
             i = around.row[own]
             begin[i] = count
@@ -201,22 +209,25 @@ def _find_strips(c, place, start, shape, sparse, low, high):  # type: ignore[no-
 
 
 @helper(forceinline=True)
-def _gather(low, high, sparse, order, packed, is_active, around):  # type: ignore[no-untyped-def]
+def _gather(low, high, sparse, packed, row, is_active, around):  # type: ignore[no-untyped-def]
     """Copy the particles of the strips into a neighbourhood, those of the cell itself first.
+
+    What is copied beyond the end of a strip is overwritten by the next one.
 
     Returns:
         Number of particles in the strips that are not before the cell in the order.
     """
-    around_packed, row, around_active = around.packed, around.row, around.is_active
-    m, num_after = 0, 0
+    m, num_after = np.int64(0), np.int64(0)
     for strip in range(2 * _NUM_STRIPS if sparse else _NUM_STRIPS):
         if strip == _NUM_STRIPS:
             num_after = m
-        for place in range(low[strip], high[strip]):
+        for place in range(low[strip], high[strip], COMPACTION_SIZE):
+            at = m + place - low[strip]
             for quantity in range(4):
-                around_packed[quantity, m] = packed[quantity, place]
-            row[m], around_active[m] = order[place], is_active[place]
-            m += 1
+                copy_vector(packed[quantity], place, around.packed[quantity], at)
+            copy_vector(row, place, around.row, at)
+            copy_vector(is_active, place, around.is_active, at)
+        m += high[strip] - low[strip]
     return num_after
 
 
@@ -231,27 +242,24 @@ def _find_outlier_pairs(fast_outliers, particles, first, second, begin, end, cou
     n = active.size
     if fast_outliers.size == 0:
         return count
-    packed, is_active = np.empty((4, n), np.float32), np.empty(n, np.uint8)
+    size = n + COMPACTION_SIZE
+    packed, row = np.empty((4, size), np.float32), np.empty(size, np.uint32)
+    is_active, mark = np.empty(size, np.uint8), np.empty(size, np.uint8)
+    is_listed = np.zeros(n, np.bool_)
     for j in range(n):
         for axis in range(3):
             packed[axis, j] = position[j, axis] - position[fast_outliers[0], axis]
-        packed[REACH, j], is_active[j] = reach[j], active[j]
-    mark = np.zeros((n + WORD - 1) // WORD * WORD, np.uint8)
-    words, is_listed = mark.view(np.uint64), np.zeros(n, np.bool_)
+        packed[REACH, j], row[j], is_active[j] = reach[j], j, active[j]
     for i in fast_outliers:
         if count + n > first.size:
             return -1
         mark_neighbours(packed, is_active, i, n, mark)
         # Each pair is listed once: a pair of two outliers by the first of them.
         is_listed[i] = True
+        for j in range(np.uint64(n)):
+            mark[j] &= np.uint8(not is_listed[j])
         begin[i] = count
-        for word in range(words.size):
-            if words[word] == 0:
-                continue
-            for j in range(WORD * word, WORD * word + WORD):
-                if mark[j] and not is_listed[j]:
-                    first[count] = i
-                    second[count] = j
-                    count += 1
+        for low in range(0, n, COMPACTION_SIZE):
+            count = append_pairs(np.uint32(i), row, mark, low, first, second, count)
         end[i] = count
     return count
