@@ -11,6 +11,7 @@ In the order of the algorithm:
   vectorised evaluation
 - `pair_block`, `plate_block`, `ground_block`: layouts of these blocks; `block_vectors`: access to
   them
+- `pair_selection`: which listed pairs may touch within a step
 - `simd`: vectorised gather and scatter between particle records and blocks
 - `pair_forces`, `plate_forces`, `ground_forces`: forces in each substep
 - `step_contacts`: all contacts of a step, for the stages after the substeps

@@ -17,12 +17,16 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from machine_sim.dem.body_records import CONTACT_RADIUS, INVERSE_MASS, VELOCITY
+from machine_sim.dem.body_records import CONTACT_RADIUS
 from machine_sim.dem.contacts import pair_block as pair
-from machine_sim.dem.contacts.pair_forces import BOND_RUPTURE_GAP
+from machine_sim.dem.contacts.pair_selection import (
+    allocate_selection,
+    select_touching,
+    separation_of,
+)
 from machine_sim.dem.contacts.simd import GROUP_SIZE
 from machine_sim.dem.neighbours.pair_table import PairTable
-from machine_sim.dem.vec3 import dot, load_row, subtract
+from machine_sim.dem.vec3 import dot
 from msg_bridge.kernels import BoxedTable, box_table, helper, threaded_helper, threaded_kernel
 
 __all__ = ["PairContactBlocks", "PairContactData", "PairContacts", "update_pair_contacts"]
@@ -30,11 +34,6 @@ __all__ = ["PairContactBlocks", "PairContactData", "PairContacts", "update_pair_
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 _PI = np.float32(np.pi)
-_LOOKAHEAD_STEPS = np.float32(1.4)
-"""Time ahead in which a pair may touch to become a contact, in steps: one, and a margin for
-acceleration."""
-_MIN_LOOKAHEAD_GAP = BOND_RUPTURE_GAP
-"""Gap up to which a pair becomes a contact at any velocity, in sums of contact radii."""
 
 
 class PairContactBlocks(NamedTuple):
@@ -174,16 +173,9 @@ def update_pair_contacts(  # type: ignore[no-untyped-def]
             _update_contact_radii(begin[part], size[part], contacts, body, particles.cohesion)
         num_added, num_candidates[part] = _add_touching(
             dt, pairs, candidates[low : low + num_candidates[part]], particles, body,
-            begin[part] + size[part], contacts, pair_index,
+            begin[part] + size[part], contacts, pair_index, allocate_selection(),
         )  # fmt: skip
         size[part] += num_added
-
-
-@helper(forceinline=True)
-def _separation(position, i, j):  # type: ignore[no-untyped-def]
-    """Return the vector from centre i to centre j [m] in float32."""
-    x, y, z = subtract(load_row(position, j, 0), load_row(position, i, 0))
-    return np.float32(x), np.float32(y), np.float32(z)
 
 
 @helper(forceinline=True)
@@ -194,7 +186,7 @@ def _update_separations(begin, size, contacts, position):  # type: ignore[no-unt
         b = block[start // pair.BLOCK_SIZE]
         for s in range(min(begin + size - start, pair.BLOCK_SIZE)):
             i, j = first[start + s], second[start + s]
-            pair.store(b, pair.SEPARATION, s, _separation(position, i, j))
+            pair.store(b, pair.SEPARATION, s, separation_of(position, i, j))
 
 
 @helper(forceinline=True)
@@ -220,35 +212,30 @@ def _set_radius_quantities(b, s, ri, rj, cohesion):  # type: ignore[no-untyped-d
     b[pair.MAX_OVERLAP + s] = smaller
 
 
-@helper(allocates=True, forceinline=True)
-def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_index):  # type: ignore[no-untyped-def]
+@helper
+def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_index, memory):  # type: ignore[no-untyped-def]
     """Copy the candidates that may touch to the slots from `begin` on.
 
     Returns:
         Number of contacts added, and number of candidates left.
     """
-    selected = np.empty(pair.BLOCK_SIZE, np.uint32)
-    # All arrays are read before the loop: a table passed to a function in it, or read in it, counts
-    # references to its arrays each time, which takes longer than the work.
     first, second, block = contacts.first, contacts.second, contacts.block
-    pair_first, pair_second, spring = pairs.first, pairs.second, pairs.spring
-    contact_flag, position, cohesion = pairs.contact_flag, particles.position, particles.cohesion
+    spring, contact_flag, position = pairs.spring, pairs.contact_flag, particles.position
     friction, rolling_friction = particles.friction, particles.rolling_friction
-    inverse_mass = particles.inverse_mass
-    # The 0 is typed, or `_select_touching` is compiled once more for its literal.
+    cohesion, inverse_mass = particles.cohesion, particles.inverse_mass
+    # The 0 is typed, or `select_touching` is compiled once more for its literal.
     slot, num_left = begin, np.int64(0)
     for start in range(0, candidates.size, pair.BLOCK_SIZE):
-        count, num_left = _select_touching(
-            dt, pair_first, pair_second, contact_flag, start,
-            min(start + pair.BLOCK_SIZE, candidates.size), candidates, num_left, position, body,
-            selected,
+        count, num_left = select_touching(
+            dt, pairs, start, min(start + pair.BLOCK_SIZE, candidates.size), candidates, num_left,
+            position, body, memory,
         )  # fmt: skip
         for m in range(count):
-            k = selected[m]
-            i, j = pair_first[k], pair_second[k]
+            k = memory.selected[m]
+            i, j = pairs.first[k], pairs.second[k]
             first[slot], second[slot], pair_index[slot] = i, j, k
             b, s = block[slot // pair.BLOCK_SIZE], slot % pair.BLOCK_SIZE
-            pair.store(b, pair.SEPARATION, s, _separation(position, i, j))
+            pair.store(b, pair.SEPARATION, s, separation_of(position, i, j))
             # The coefficients of a contact between two soils are those of the weaker one.
             _set_radius_quantities(
                 b, s, body[i, CONTACT_RADIUS], body[j, CONTACT_RADIUS],
@@ -275,39 +262,6 @@ def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_
             block[end // pair.BLOCK_SIZE, q * pair.BLOCK_SIZE + s] = _ZERO
         end += 1
     return num_added, num_left
-
-
-@helper(forceinline=True)
-def _select_touching(  # type: ignore[no-untyped-def]
-    dt, first, second, contact_flag, low, high, candidates, num_left, position, body, selected
-):
-    """Select the candidates from `low` to `high` that may touch within a step, without branches.
-
-    The others stay candidates, moved down to number `num_left` and up. Their contact history is
-    cleared, except for pairs that are both asleep: theirs is kept until they wake.
-
-    Returns:
-        Number of pairs selected, and number of candidates left so far.
-    """
-    count = 0
-    for m in range(low, high):
-        k = candidates[m]
-        i, j = first[k], second[k]
-        separation = _separation(position, i, j)
-        velocity = subtract(load_row(body, j, VELOCITY), load_row(body, i, VELOCITY))
-        # Approach speed and gap are both multiplied by the distance, which saves a division.
-        approach = max(-dot(velocity, separation), _ZERO) * _LOOKAHEAD_STEPS * dt
-        reach = (body[i, CONTACT_RADIUS] + body[j, CONTACT_RADIUS]) * (_ONE + _MIN_LOOKAHEAD_GAP)
-        distance = np.sqrt(dot(separation, separation))
-        both_asleep = body[i, INVERSE_MASS] + body[j, INVERSE_MASS] == _ZERO
-        may_touch = (distance - reach) * distance <= approach
-        contact_flag[k] *= may_touch | both_asleep
-        may_touch &= not both_asleep
-        selected[count] = k
-        count += may_touch
-        candidates[num_left] = k
-        num_left += not may_touch
-    return count, num_left
 
 
 @threaded_kernel

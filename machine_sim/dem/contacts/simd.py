@@ -27,8 +27,11 @@ from numba.extending import intrinsic
 from msg_bridge.kernels import helper
 
 __all__ = [
+    "CLOSING_VELOCITY",
+    "CONTACT_RADIUS_SUM",
     "FORCE",
     "GROUP_SIZE",
+    "INVERSE_MASS_SUM",
     "RELATIVE_DISPLACEMENT",
     "RELATIVE_VELOCITY",
     "ROLLING_LIMIT",
@@ -36,6 +39,7 @@ __all__ = [
     "TORQUE_OVER_RADIUS",
     "VECTOR_SIZE",
     "add_forces",
+    "gather_approach",
     "gather_motion",
     "gather_records",
     "gather_relative_motion",
@@ -53,6 +57,8 @@ computes in slots that are not in use is not read, and costs less than a remaind
 # Quantities of a scratch block, each a float per slot; vectors take three in a row.
 RELATIVE_DISPLACEMENT, RELATIVE_VELOCITY, SURFACE_VELOCITY_SUM = 0, 3, 6
 """Quantities that `gather_relative_motion` and `gather_motion` write."""
+CLOSING_VELOCITY, INVERSE_MASS_SUM, CONTACT_RADIUS_SUM = 0, 3, 4
+"""Quantities that `gather_approach` writes."""
 FORCE, TORQUE_OVER_RADIUS, ROLLING_LIMIT = 0, 3, 6
 """Quantities that `scatter_forces` and `add_forces` read."""
 
@@ -94,12 +100,33 @@ def gather_relative_motion(typing, body, first, second, contact, scratch, stride
         contact, out = values[3], _quantity_pointer(builder, array(4), values[5], values[6])
         # The motion of the first body is subtracted, its surface velocity (lane 2) added.
         sign = _constant([-1.0] * 8 + [1.0] * 4 + [0.0] * 4)
-        rows = []
-        for k in range(GROUP_SIZE):
-            i = _record_pointer(builder, array(0), _load_row(builder, array(1), contact, k))
-            j = _record_pointer(builder, array(0), _load_row(builder, array(2), contact, k))
-            rows.append(_multiply_add(builder, _load(builder, i), sign, _load(builder, j)))
-        _store_motion(builder, rows, out)
+        _store_motion(builder, _combine_pairs(builder, array, contact, sign), out)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def gather_approach(typing, body, first, second, pair, scratch, stride, slot):  # type: ignore[no-untyped-def]
+    """Write how the second bodies of four pairs approach the first ones, and how near they may be.
+
+    Args:
+        typing: typing context of Numba.
+        body, first, second, stride, slot: as for `gather_relative_motion`.
+        pair: number of the first of the four pairs.
+        scratch: out, relative velocity, and the sums of inverse masses and of contact radii.
+    """
+    signature = types.void(body, first, second, pair, scratch, stride, slot)
+
+    def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
+        array = _array_data(context, builder, signature, values)
+        pair, out = values[3], _quantity_pointer(builder, array(4), values[5], values[6])
+        # The velocity of the first body (lane 1) is subtracted, all else added.
+        sign = _constant([1.0] * 4 + [-1.0] * 3 + [1.0] * 9)
+        columns = _transpose_lanes(builder, _combine_pairs(builder, array, pair, sign))
+        for component, column in enumerate(columns):
+            _store(builder, _lane(builder, column, 1), out(CLOSING_VELOCITY + component))
+        _store(builder, _lane(builder, columns[3], 0), out(CONTACT_RADIUS_SUM))
         return context.get_dummy_value()
 
     return signature, generate
@@ -236,6 +263,19 @@ def scatter_forces(typing, body, force_sums, first, second, contact, scratch, st
 def _array_data(context: Any, builder: Any, signature: Any, values: Any) -> Callable[[int], Any]:
     """Return a function from the number of an array argument to its data pointer."""
     return lambda n: context.make_array(signature.args[n])(context, builder, values[n]).data
+
+
+def _combine_pairs(builder: Any, array: Any, contact: Any, sign: Any) -> list[Any]:
+    """Return, of four contacts, `sign` times the record of the first body plus that of the second.
+
+    `array` gives the arguments body, first, second. The signs are +1 or -1: products are exact.
+    """
+    rows = []
+    for k in range(GROUP_SIZE):
+        i = _record_pointer(builder, array(0), _load_row(builder, array(1), contact, k))
+        j = _record_pointer(builder, array(0), _load_row(builder, array(2), contact, k))
+        rows.append(_multiply_add(builder, _load(builder, i), sign, _load(builder, j)))
+    return rows
 
 
 def _quantity_pointer(builder: Any, data: Any, stride: Any, slot: Any) -> Callable[[int], Any]:

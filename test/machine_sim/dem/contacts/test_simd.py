@@ -6,8 +6,10 @@ from numba import njit
 from machine_sim.dem.body_records import (
     ANGULAR_VELOCITY,
     BODY_RECORD_SIZE,
+    CONTACT_RADIUS,
     DISPLACEMENT,
     FORCE_RECORD_SIZE,
+    INVERSE_MASS,
     LIMIT_WEIGHTED_ANGULAR_VELOCITY,
     SURFACE_VELOCITY,
     VELOCITY,
@@ -16,14 +18,18 @@ from machine_sim.dem.body_records import FORCE as FORCE_SUM
 from machine_sim.dem.body_records import ROLLING_LIMIT as ROLLING_LIMIT_SUM
 from machine_sim.dem.body_records import TORQUE_OVER_RADIUS as TORQUE_SUM
 from machine_sim.dem.contacts.simd import (
+    CLOSING_VELOCITY,
+    CONTACT_RADIUS_SUM,
     FORCE,
     GROUP_SIZE,
+    INVERSE_MASS_SUM,
     RELATIVE_DISPLACEMENT,
     RELATIVE_VELOCITY,
     ROLLING_LIMIT,
     SURFACE_VELOCITY_SUM,
     TORQUE_OVER_RADIUS,
     add_forces,
+    gather_approach,
     gather_motion,
     gather_records,
     gather_relative_motion,
@@ -37,6 +43,11 @@ STRIDE = 12
 @njit
 def gather(body, first, second, contact, scratch, slot):
     gather_relative_motion(body, first, second, contact, scratch, STRIDE, slot)
+
+
+@njit
+def gather_closing(body, first, second, pair, scratch, slot):
+    gather_approach(body, first, second, pair, scratch, STRIDE, slot)
 
 
 @njit
@@ -90,6 +101,19 @@ def test_gathers_relative_motion_and_sum_of_surface_velocities():
     expected[vector(RELATIVE_VELOCITY)] = (j - i)[:, velocity].T
     expected[vector(SURFACE_VELOCITY_SUM)] = (i + j)[:, surface_velocity].T
     np.testing.assert_allclose(found[:, 8 : 8 + GROUP_SIZE], expected, rtol=1e-6, atol=1e-6)
+    assert not found[:, :8].any(), "written outside the slots of the group"
+
+
+def test_gathers_relative_velocity_and_sums_of_inverse_masses_and_radii():
+    body, first, second = contacts()
+    scratch = np.zeros(5 * STRIDE, np.float32)
+    gather_closing(body, first, second, 4, scratch, 8)
+    found = scratch.reshape(5, STRIDE)
+    i, j = body[first[4:]], body[second[4:]]
+    velocity = vector(VELOCITY)
+    np.testing.assert_array_equal(found[vector(CLOSING_VELOCITY), 8:], (j - i)[:, velocity].T)
+    np.testing.assert_array_equal(found[INVERSE_MASS_SUM, 8:], (i + j)[:, INVERSE_MASS])
+    np.testing.assert_array_equal(found[CONTACT_RADIUS_SUM, 8:], (i + j)[:, CONTACT_RADIUS])
     assert not found[:, :8].any(), "written outside the slots of the group"
 
 
