@@ -45,6 +45,10 @@ class FixedSignatureKernel(partial[Any]):
         self.dispatcher = dispatcher
         self._replace_function(self._compile_and_call)
 
+    def __reduce__(self) -> tuple[type[FixedSignatureKernel], tuple[Any]]:
+        """Pickle the kernel: that of a `partial` would pickle a method of this object."""
+        return type(self), (self.dispatcher,)
+
     @property
     def _numba_type_(self) -> Any:
         """Type of this object for Numba, in a kernel that calls it."""

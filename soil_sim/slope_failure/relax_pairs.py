@@ -37,6 +37,7 @@ class PairDirections(NamedTuple):
         distance: distance of the partners [m], shape (n,), float32.
         tolerance: excess of height that is not relaxed [m], shape (n,), float32.
         between: columns between the partners, see `columns_between`.
+        final_fraction: fraction of an excess that a column gives in later passes.
     """
 
     offsets: NDArray[np.int64]
@@ -44,6 +45,7 @@ class PairDirections(NamedTuple):
     distance: NDArray[np.float32]
     tolerance: NDArray[np.float32]
     between: NDArray[np.int64]
+    final_fraction: float
 
 
 class _Scratch(NamedTuple):
@@ -94,6 +96,7 @@ def pair_directions(
         (np.hypot(*offsets.T) * cell).astype(np.float32),
         (tolerance / repetitions).astype(np.float32),
         columns_between(offsets),
+        _FINAL_FRACTION if is_uniform else _FINAL_FRACTION_OF_VARYING,
     )
 
 
@@ -158,10 +161,11 @@ def _relax_passes(layers, shape, num_cols, directions, distance, retained, progr
         np.empty(shape[1], np.float32),
     )
     num_done, max_passes = progress
-    final_fraction = _FINAL_FRACTION if layers[2] is None else _FINAL_FRACTION_OF_VARYING
     for n in range(max_passes):
         ramp = min((num_done + n) / _RAMP_PASSES, 1.0)
-        fraction = np.float32(_INITIAL_FRACTION + (final_fraction - _INITIAL_FRACTION) * ramp)
+        fraction = np.float32(
+            _INITIAL_FRACTION + (directions.final_fraction - _INITIAL_FRACTION) * ramp
+        )
         is_odd = (num_done + n) % 2 == 1
         count = distance.size if is_odd else directions.num_shortest
         has_moved = _relax_pass(
