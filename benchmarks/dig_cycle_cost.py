@@ -27,7 +27,7 @@ from msg_bridge.contract.grid import Grid
 from soil_sim.soil import Soil
 
 RUNS = 3
-VOLUMES = (1_000_000, 415_000)
+VOLUMES = (1_000_000, 330_000)
 """Nominal bank volumes of a particle [mm^3]: the demo's, and one that gives 3,000 particles."""
 SIZES = (129, 257, 513, 1025)
 """Numbers of rows and columns of the maps."""
