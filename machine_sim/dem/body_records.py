@@ -115,7 +115,8 @@ def _load_chunk(  # type: ignore[no-untyped-def]
     rows, body, force_sums, velocity, angular_velocity, contact_radius, radius, inverse_mass,
     sleep_state,
 ):  # fmt: skip
-    for i in rows:
+    for k in range(rows.size):
+        i = np.uint64(rows[k])
         turning = load_row(angular_velocity, i, 0)
         store_row(body, i, DISPLACEMENT, (_ZERO, _ZERO, _ZERO))
         store_row(body, i, VELOCITY, load_row(velocity, i, 0))
@@ -136,7 +137,8 @@ def store_body_records(rows, body, position, velocity, angular_velocity):  # typ
 
 @kernel(forceinline=True)
 def _store_chunk(rows, body, position, velocity, angular_velocity):  # type: ignore[no-untyped-def]
-    for i in rows:
+    for k in range(rows.size):
+        i = np.uint64(rows[k])
         for axis in range(3):
             position[i, axis] += body[i, DISPLACEMENT + axis]
             velocity[i, axis] = body[i, VELOCITY + axis]

@@ -6,6 +6,8 @@ The order of operations within a component is that in which they are written.
 
 from __future__ import annotations
 
+import numpy as np
+
 from msg_bridge.kernels import helper, kernel
 
 __all__ = ["add", "cross", "dot", "load_row", "scale", "store_row", "subtract"]
@@ -44,10 +46,12 @@ def cross(a, b):  # type: ignore[no-untyped-def]
 @helper(forceinline=True)
 def load_row(array, row, column):  # type: ignore[no-untyped-def]
     """Return the vector in the columns from `column` on of a row of `array`."""
+    row = np.uint64(row)  # not negative: saves a test in each access
     return array[row, column], array[row, column + 1], array[row, column + 2]
 
 
 @helper(forceinline=True)
 def store_row(array, row, column, vector):  # type: ignore[no-untyped-def]
     """Write a vector to the columns from `column` on of a row of `array`."""
+    row = np.uint64(row)
     array[row, column], array[row, column + 1], array[row, column + 2] = vector

@@ -215,7 +215,7 @@ def _fit_planes(  # type: ignore[no-untyped-def]
     for k in range(rows.size):
         if ground_masked[k]:
             continue
-        i = rows[k]
+        i = np.uint64(rows[k])
         was_limited, overlap_before = penetration_limited[i], np.float64(old_overlap[i])
         is_near = near_tool[k] != NO_TOOL
         penetration_limited[i], old_overlap[i] = is_near, np.float32(0.0)

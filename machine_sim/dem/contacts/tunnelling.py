@@ -37,7 +37,7 @@ def count_tunnelled(rows, before, particles, tools, contacts):  # type: ignore[n
         tool_displacement[t] = _max_tool_displacement(start[t], end[t], sphere[t])
     count = 0
     for n in range(rows.size):
-        i = rows[n]
+        i = np.uint64(rows[n])
         displacement = subtract(load_row(after, i, 0), load_row(before, n, 0))
         own_displacement = np.sqrt(dot(displacement, displacement))
         tunnelled = False

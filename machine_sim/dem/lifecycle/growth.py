@@ -150,10 +150,10 @@ def grow_radii(max_growth, first, second, view):  # type: ignore[no-untyped-def]
         free_growth[i] = max_growth * radius[i]
         is_growing[i] = contact_radius[i] < radius[i]
     # The pairs are selected in a loop without branches, which no processor could predict.
-    selected, count = np.empty(first.size, np.int64), 0
+    selected, count = np.empty(first.size, np.uint32), np.uint64(0)
     for k in range(first.size):
         selected[count] = k
-        count += is_growing[first[k]] | is_growing[second[k]]
+        count += np.uint64(is_growing[first[k]] | is_growing[second[k]])
     for k in selected[:count]:
         i, j = first[k], second[k]
         dx = position[j, 0] - position[i, 0]

@@ -109,7 +109,8 @@ def any_skin_exceeded(rows, tracks_all, particles, listed, growth, dt):  # type:
 @helper(forceinline=True)
 def _sum_displacements(rows, position, velocity, listed_position, dt, displacement):  # type: ignore[no-untyped-def]
     """Add up the displacements of some rows at the end of the step [m]."""
-    for i in rows:
+    for k in range(rows.size):
+        i = np.uint64(rows[k])
         for axis in range(3):
             displacement[axis] += (
                 position[i, axis] - listed_position[i, axis] + dt * velocity[i, axis]
@@ -120,7 +121,8 @@ def _sum_displacements(rows, position, velocity, listed_position, dt, displaceme
 def _exceeds_skin(rows, position, velocity, listed, dt, mean):  # type: ignore[no-untyped-def]
     """Return whether the displacement of a row at the end of the step exceeds its skin width."""
     listed_position, skin_width = listed.position, listed.skin_width
-    for i in rows:
+    for k in range(rows.size):
+        i = np.uint64(rows[k])
         displacement = subtract(load_row(position, i, 0), load_row(listed_position, i, 0))
         displacement = add(displacement, scale(load_row(velocity, i, 0), dt))
         relative = subtract(displacement, mean)
@@ -133,7 +135,8 @@ def _exceeds_skin(rows, position, velocity, listed, dt, mean):  # type: ignore[n
 def _exceeds_predicted_radius(rows, contact_radius, radius, listed, growth):  # type: ignore[no-untyped-def]
     """Return whether the contact radius of a row may exceed the predicted one."""
     predicted_radius, exceeds = listed.predicted_radius, False
-    for i in rows:
+    for k in range(rows.size):
+        i = np.uint64(rows[k])
         grown = _grown_radius(contact_radius[i], radius[i], growth)
         exceeds |= grown > predicted_radius[i]
     return exceeds

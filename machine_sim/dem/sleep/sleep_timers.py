@@ -36,7 +36,7 @@ def update_sleep_timers(  # type: ignore[no-untyped-def]
     position, velocity, angular_velocity = view.position, view.velocity, view.angular_velocity
     sleep_timer, radius, contact_radius = view.sleep_timer, view.radius, view.contact_radius
     for k in range(rows.size):
-        i, t = rows[k], inside[k]
+        i, t = np.uint64(rows[k]), inside[k]
         vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
         wx = np.float64(angular_velocity[i, 0])
         wy = np.float64(angular_velocity[i, 1])
