@@ -11,7 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from machine_sim.dem.tools.near_tools import ACCELERATION_MARGIN, SEARCH_RADIUS_FACTOR
+from machine_sim.dem.tools.near_tools import (
+    ACCELERATION_MARGIN,
+    ROUNDING_MARGIN,
+    SEARCH_RADIUS_FACTOR,
+)
 from machine_sim.dem.tools.plates import (
     BOUNDS_CENTRE,
     BOUNDS_NORMAL,
@@ -31,6 +35,11 @@ __all__ = [
     "PlateContactTable",
     "list_plate_contacts",
 ]
+
+
+_NO_PLATES = np.uint64(0)
+_NUM_BITS = 64
+"""Bits in a set of plates: bit k is that of plate k of a tool; of more plates, several share it."""
 
 
 class PlateCandidates(NamedTuple):
@@ -155,7 +164,7 @@ def list_plate_contacts(dt, rows, near_tools, particles, tools, old, new):  # ty
     list_row = particles.plate_list_row
     plates, first_plate, num_tools = tools.plates, tools.first_plate, tools.twist.shape[0]
     num_near, number = near_tools.number.size, near_tools.number
-    reach, is_close = np.empty(num_near), np.zeros(num_near, np.bool_)
+    reach, close_plates = np.empty(num_near), np.full(num_near, _NO_PLATES)
     is_close_to_any = np.zeros(rows.size, np.bool_)
     for t in range(num_tools):
         low, high = near_tools.first[t], near_tools.first[t + 1]
@@ -166,10 +175,10 @@ def list_plate_contacts(dt, rows, near_tools, particles, tools, old, new):  # ty
         _mark_close_to_plates(
             near_tools.x[low:high], near_tools.y[low:high], near_tools.z[low:high],
             tools.sphere[t], plates.bounds, first_plate[t], first_plate[t + 1], reach[low:high],
-            is_close[low:high],
+            close_plates[low:high],
         )  # fmt: skip
         for k in range(low, high):
-            is_close_to_any[number[k]] |= is_close[k]
+            is_close_to_any[number[k]] |= close_plates[k] != _NO_PLATES
     row, plate, side, spring = new.row, new.plate, new.side, new.spring
     begin, end, old_begin, old_end = new.begin, new.end, old.begin, old.end
     old_plate, old_side, old_spring = old.plate, old.side, old.spring
@@ -179,10 +188,12 @@ def list_plate_contacts(dt, rows, near_tools, particles, tools, old, new):  # ty
         begin[i] = count
         for t in range(num_tools if is_close_to_any[n] else 0):
             e = entry[t] = _find_entry(n, number, entry[t], near_tools.first[t + 1])
-            if e == near_tools.first[t + 1] or number[e] != n or not is_close[e]:
+            if e == near_tools.first[t + 1] or number[e] != n or close_plates[e] == _NO_PLATES:
                 continue
             x, y, z, max_distance = near_tools.x[e], near_tools.y[e], near_tools.z[e], reach[e]
             for k in range(first_plate[t], first_plate[t + 1]):
+                if close_plates[e] & _bit_of(k - first_plate[t]) == _NO_PLATES:
+                    continue
                 a, b, h = plate_coordinates(plates, k, x, y, z)
                 if abs(h) > max_distance:
                     continue
@@ -212,6 +223,12 @@ def list_plate_contacts(dt, rows, near_tools, particles, tools, old, new):  # ty
 
 
 @helper(forceinline=True)
+def _bit_of(k):  # type: ignore[no-untyped-def]
+    """Return the bit of plate `k` of a tool in a set of plates."""
+    return np.uint64(1) << np.uint64(k % _NUM_BITS)
+
+
+@helper(forceinline=True)
 def _find_entry(n, number, low, high):  # type: ignore[no-untyped-def]
     """Return the first entry from `low` on whose number is `n` or higher, `high` for none."""
     while low < high and number[low] < n:
@@ -236,7 +253,7 @@ def _search_radii(dt, rows, number, position, velocity, radius, pose, twist, rea
     linear = twist[LINEAR], twist[LINEAR + 1], twist[LINEAR + 2]
     angular = twist[ANGULAR], twist[ANGULAR + 1], twist[ANGULAR + 2]
     for n in range(number.size):
-        i = rows[number[n]]
+        i = np.uint64(rows[number[n]])
         arm = subtract(load_row(position, i, 0), origin)
         relative = subtract(subtract(load_row(velocity, i, 0), linear), cross(angular, arm))
         reach[n] = SEARCH_RADIUS_FACTOR * radius[i] + ACCELERATION_MARGIN * dt * np.sqrt(
@@ -245,8 +262,8 @@ def _search_radii(dt, rows, number, position, velocity, radius, pose, twist, rea
 
 
 @helper(forceinline=True)
-def _mark_close_to_plates(x, y, z, sphere, bounds, low, high, reach, is_close):  # type: ignore[no-untyped-def]
-    """Mark the particles within reach of the bounds of a range of plates.
+def _mark_close_to_plates(x, y, z, sphere, bounds, low, high, reach, close_plates):  # type: ignore[no-untyped-def]
+    """Find the plates of a tool whose bounds are within reach of each particle.
 
     The loops are over particles, so that they are vectorised.
 
@@ -254,9 +271,9 @@ def _mark_close_to_plates(x, y, z, sphere, bounds, low, high, reach, is_close): 
         x, y, z: centres [m], tool frame.
         sphere: bounding sphere of the tool, see `ToolSet`.
         bounds: bounds of the plates, see `Plates`.
-        low, high: first plate of the range and its end, which is excluded.
+        low, high: first plate of the tool and the end, which is excluded.
         reach: see `_search_radii`.
-        is_close: updated, of each centre.
+        close_plates: updated, set of plates of each centre, uint64.
     """
     num_in_sphere = 0
     for n in range(np.uint64(reach.size)):
@@ -278,9 +295,11 @@ def _mark_close_to_plates(x, y, z, sphere, bounds, low, high, reach, is_close): 
             bounds[BOUNDS_CENTRE + 2, k],
         )
         height, bounds_radius = bounds[BOUNDS_OFFSET, k], bounds[BOUNDS_RADIUS, k]
+        bit = _bit_of(k - low)
         for n in range(np.uint64(reach.size)):
             above = abs(nx * x[n] + ny * y[n] + nz * z[n] - height)
             dx, dy, dz = x[n] - cx, y[n] - cy, z[n] - cz
-            max_distance = bounds_radius + reach[n]
+            own_reach = reach[n] + ROUNDING_MARGIN
+            max_distance = bounds_radius + own_reach
             in_sphere = dx * dx + dy * dy + dz * dz <= max_distance * max_distance
-            is_close[n] |= (above <= reach[n]) & in_sphere
+            close_plates[n] |= bit if (above <= own_reach) & in_sphere else _NO_PLATES

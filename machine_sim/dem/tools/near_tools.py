@@ -21,6 +21,7 @@ from msg_bridge.kernels import helper, kernel
 
 __all__ = [
     "ACCELERATION_MARGIN",
+    "ROUNDING_MARGIN",
     "SEARCH_RADIUS_FACTOR",
     "NearTools",
     "classify_near_tools",
@@ -31,7 +32,7 @@ SEARCH_RADIUS_FACTOR = 1.2
 """Distance from a plate at which a particle without relative motion is listed, in radii."""
 ACCELERATION_MARGIN = 1.3
 """Distance ahead that is searched, over the distance travelled in a step at constant velocity."""
-_ROUNDING_MARGIN = 1e-6
+ROUNDING_MARGIN = 1e-6
 """Distance that is added so that no particle is missed by a rounding error [m]."""
 
 
@@ -118,7 +119,7 @@ def _mark_near_tool(dt, pose, twist, sphere, positions, reach, is_near):  # type
     ahead = ACCELERATION_MARGIN * dt
     turn = ahead * np.sqrt(dot(w, w))
     travel = ahead * np.sqrt(dot(v, v)) + turn * np.sqrt(cx * cx + cy * cy + cz * cz)
-    own = sphere[SPHERE_RADIUS] + travel + _ROUNDING_MARGIN
+    own = sphere[SPHERE_RADIUS] + travel + ROUNDING_MARGIN
     scale = 1.0 / (1.0 - turn) if turn < 0.5 else np.inf
     cx, cy, cz = cx + pose[ORIGIN], cy + pose[ORIGIN + 1], cz + pose[ORIGIN + 2]
     for n in range(np.uint64(reach.size)):

@@ -84,7 +84,11 @@ class Plates(NamedTuple):
             num_corners[k] = len(points)
             corner[k, : len(points)] = (points - points[0]) @ np.stack([u, v], axis=1)
             centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-            radius = np.linalg.norm(points - centre, axis=1).max()
+            # The corners may be a little outside of the plane, and count as projected onto it.
+            projected = points - np.outer((points - points[0]) @ n, n)
+            radius = max(
+                np.linalg.norm(each - centre, axis=1).max() for each in (points, projected)
+            )
             bounds[:, k] = [*n, n @ points[0], *centre, radius]
         return cls(frame, corner, num_corners, bounds)
 
