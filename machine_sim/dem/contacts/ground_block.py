@@ -43,5 +43,6 @@ TORQUE_OVER_RADIUS = simd.TORQUE_OVER_RADIUS * BLOCK_SIZE
 ROLLING_LIMIT = simd.ROLLING_LIMIT * BLOCK_SIZE
 """Out: contribution of the contact to the limit of rolling resistance over radius [N]."""
 SCRATCH_SIZE = 9 * BLOCK_SIZE
+"""Floats in the scratch block."""
 
 load, store = vector_access(BLOCK_SIZE)

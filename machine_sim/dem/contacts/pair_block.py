@@ -48,6 +48,7 @@ TORQUE_OVER_RADIUS = simd.TORQUE_OVER_RADIUS * BLOCK_SIZE
 """Out: torque on each of both over its contact radius [N] (3)."""
 ROLLING_LIMIT = simd.ROLLING_LIMIT * BLOCK_SIZE
 """Out: contribution of the contact to the limit of rolling resistance over radius [N]."""
-NUM_SCRATCH_QUANTITIES = 9
+SCRATCH_SIZE = 9 * BLOCK_SIZE
+"""Floats in the scratch block."""
 
 load, store = vector_access(BLOCK_SIZE)

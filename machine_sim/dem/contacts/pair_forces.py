@@ -27,8 +27,8 @@ _INVERSE_RUPTURE_GAP = np.float32(1.0 / BOND_RUPTURE_GAP)
 _TINY_LENGTH2 = np.float32(1e-18)
 
 
-@helper(allocates=True, forceinline=True)
-def pair_forces(begin, size, contacts, body, force_sums, contact_params):  # type: ignore[no-untyped-def]
+@helper(forceinline=True)
+def pair_forces(begin, size, contacts, body, force_sums, contact_params, scratch):  # type: ignore[no-untyped-def]
     """Add the forces of a range of pair contacts to the sums of their particles.
 
     Args:
@@ -37,8 +37,8 @@ def pair_forces(begin, size, contacts, body, force_sums, contact_params):  # typ
         body, force_sums: see `body_records`. The sums of a particle that cannot move are
             meaningless.
         contact_params: `ContactParameters`.
+        scratch: a scratch block, see `pair_block`.
     """
-    scratch = np.empty(pair.NUM_SCRATCH_QUANTITIES * pair.BLOCK_SIZE, np.float32)
     first, second = contacts.first, contacts.second
     for at in range(begin, begin + size, pair.BLOCK_SIZE):
         block = contacts.block[at // pair.BLOCK_SIZE]
@@ -57,7 +57,7 @@ def _evaluate_contacts(num_slots, block, scratch, contact_params):  # type: igno
     Args:
         num_slots: number of slots to evaluate, from the first one on.
         block: block of pair contacts, flat, float32; layout and units in `pair_block`.
-        scratch: block of `NUM_SCRATCH_QUANTITIES` quantities, flat, float32; in: relative
+        scratch: scratch block, flat, float32; in: relative
             displacement [m] and velocity, and sum of the surface velocities [m/s]; out: force,
             torque over radius and rolling limit [N].
         contact_params: `ContactParameters`.

@@ -65,6 +65,7 @@ TOOL_TORQUE = 9 * BLOCK_SIZE
 """Out: torque of the contact force about the tool's origin, map axes [N m] (3)."""
 ACCELERATION = 15 * BLOCK_SIZE
 """Acceleration of the particle by the forces summed before, along the plate's normal [m/s^2]."""
-NUM_SCRATCH_QUANTITIES = 16
+SCRATCH_SIZE = 16 * BLOCK_SIZE
+"""Floats in the scratch block."""
 
 load, store = vector_access(BLOCK_SIZE)

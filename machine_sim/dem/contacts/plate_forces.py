@@ -22,7 +22,7 @@ from machine_sim.dem.contacts.simd import (
 from machine_sim.dem.tools.plates import FRAME_N, FRAME_U, FRAME_V
 from machine_sim.dem.tools.pose import ANGULAR, LINEAR, ORIGIN, XX, XY, XZ, YX, YY, YZ, ZX, ZY, ZZ
 from machine_sim.dem.vec3 import add, cross, dot, load_row, scale, subtract
-from msg_bridge.kernels import helper, kernel
+from msg_bridge.kernels import helper
 
 __all__ = ["plate_forces"]
 
@@ -37,8 +37,8 @@ _ONE = np.float32(1.0)
 _TINY = np.float32(1e-20)
 
 
-@kernel(forceinline=True)
-def plate_forces(blocks, body, force_sums, tools, step, contact_params):  # type: ignore[no-untyped-def]
+@helper(forceinline=True)
+def plate_forces(blocks, body, force_sums, tools, step, contact_params, scratch):  # type: ignore[no-untyped-def]
     """Add the forces of plates to the sums of particles, and their reaction to the tools' wrenches.
 
     Args:
@@ -47,9 +47,9 @@ def plate_forces(blocks, body, force_sums, tools, step, contact_params):  # type
         tools: `ToolMotion`; the wrench is updated.
         step: number of the substep.
         contact_params: `ContactParameters`.
+        scratch: a scratch block, see `plate_block`.
     """
     start, pose = tools.path[0], tools.path[step]
-    scratch = np.empty(plate.NUM_SCRATCH_QUANTITIES * plate.BLOCK_SIZE, np.float32)
     for n in range(blocks.plate.size):
         k, begin, block = blocks.plate[n], n * plate.BLOCK_SIZE, blocks.block[n]
         t = tools.tool_of_plate[k]

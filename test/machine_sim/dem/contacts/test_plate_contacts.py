@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numba import njit
 from numpy.typing import NDArray
 from support.particle_scenes import LITRE, STEP, engine
 
@@ -18,7 +19,7 @@ from machine_sim.dem.body_records import (
     load_body_records,
 )
 from machine_sim.dem.contacts.contact_law import contact_parameters
-from machine_sim.dem.contacts.plate_block import BLOCK_SIZE
+from machine_sim.dem.contacts.plate_block import BLOCK_SIZE, SCRATCH_SIZE
 from machine_sim.dem.contacts.plate_contact_list import (
     PlateCandidates,
     PlateContactList,
@@ -201,6 +202,12 @@ def force_of(
     return force, -radius * normal, limit, axes.T @ spring
 
 
+@njit
+def _add_plate_forces(blocks, body, force_sums, tools, step):  # type: ignore[no-untyped-def]
+    scratch = np.empty(SCRATCH_SIZE, np.float32)
+    plate_forces(blocks, body, force_sums, tools, step, CONTACT_PARAMS, scratch)
+
+
 @pytest.mark.parametrize("seed", range(30))
 def test_forces_are_those_of_the_direct_computation(seed: int) -> None:
     world = scene(seed)
@@ -229,7 +236,7 @@ def test_forces_are_those_of_the_direct_computation(seed: int) -> None:
     # During a step: particles and tools have moved since its start.
     step = seed % (tools.substeps + 1)
     body[:count, :3] = rng.normal(scale=0.01, size=(count, 3))
-    plate_forces(blocks, body, force_sums, tools.motion, step, CONTACT_PARAMS)
+    _add_plate_forces(blocks, body, force_sums, tools.motion, step)
     store_plate_history(table.count, slot, blocks.block, table.spring, table.side)
     state.position += body[:count, :3]
     tools.path[0] = tools.path[step]
