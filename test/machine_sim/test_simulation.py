@@ -218,6 +218,7 @@ def test_machine_does_not_continue_as_one_with_other_tools(machine: MachineSim) 
 @pytest.mark.parametrize("x", [0.0, 999.0])
 def test_physics_engine_is_released_with_the_simulation(x: float) -> None:
     """Also of one that cannot be made: no machine stands off the map."""
+    gc.collect()  # simulations of tests before
     before = num_physics_clients()
     with suppress(MachineError):
         sim = MachineSim([Placement(excavator(), (x, 0.0))], GRID, np.zeros(GRID.shape))
