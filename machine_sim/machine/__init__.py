@@ -6,7 +6,8 @@
 - `forward_kinematics`, `link_motion`: poses and velocities of all links; `rotations`: matrices and
   quaternions; `rotated_vectors`: products of matrices and vectors in kernels
 - `base_motion`: pose and motion of the base as one array
-- `cylinder_linkage`, `hydraulics`: geometry of cylinders, and their flow, force and pressure
+- `cylinder_linkage`, `hydraulic_cylinder`: geometry of cylinders; `hydraulics`: all cylinders,
+  `hydraulic_motor`s and their `hydraulic_supply`: flow, force and pressure
 - `joint_reference`: speed ramps of the joints that stop at their limits
 - `actuator_step`: one kernel for valves, pumps, references and torque limits; the tables that it
   takes are in `joint_table` and `hydraulic_tables`, its parts in `hydraulic_kernels` and

@@ -12,7 +12,7 @@ from functools import lru_cache
 from typing import Literal, NamedTuple
 
 from machine_sim.machine.cylinder_linkage import LinkagePins, Point
-from machine_sim.machine.hydraulics import Cylinder
+from machine_sim.machine.hydraulic_cylinder import Cylinder
 from machine_sim.machine.spec import Box, MachineSpec, Vec3
 
 __all__ = [

@@ -6,16 +6,13 @@ Kernels take few arrays faster than many, so that each kind of part is one array
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from machine_sim.machine.hydraulic_cylinder import Cylinder
 from machine_sim.machine.hydraulic_motor import HydraulicMotor, TravelMotor
 from machine_sim.machine.hydraulic_supply import HydraulicSupply
-
-if TYPE_CHECKING:
-    from machine_sim.machine.hydraulics import Cylinder
 
 __all__ = ["cylinder_table", "motor_table", "supply_table"]
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from machine_sim.machine.box import Box, Vec3
 from machine_sim.machine.errors import MachineError
+from machine_sim.machine.hydraulic_cylinder import Cylinder
 from machine_sim.machine.hydraulic_motor import HydraulicMotor, TravelMotor
 from machine_sim.machine.hydraulic_supply import HydraulicSupply
-from machine_sim.machine.hydraulics import Cylinder
 from machine_sim.machine.reference_machine import ReferenceMachine
 from machine_sim.machine.shapes.machine_shapes import MachineShapes
 from machine_sim.machine.tools.bucket import BucketShape

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from machine_sim.machine.cylinder_visuals import CylinderPart
-from machine_sim.machine.hydraulics import Cylinder
+from machine_sim.machine.hydraulic_cylinder import Cylinder
 from machine_sim.machine.shapes.solid import Solid
 from machine_sim.machine.shapes.solids import box, cylinder, extrusion, revolution
 from machine_sim.machine.shapes.triangle_mesh import TriangleMesh

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from machine_sim.machine.cylinder_linkage import CylinderLinkage, Point, Rocker
 from machine_sim.machine.errors import MachineError
+from machine_sim.machine.hydraulic_cylinder import Cylinder
 from machine_sim.machine.hydraulic_supply import HydraulicSupply
-from machine_sim.machine.hydraulics import Cylinder
 from machine_sim.machine.spec_file.section import Section
 
 __all__ = ["max_joint_torque", "read_cylinder", "read_supply"]

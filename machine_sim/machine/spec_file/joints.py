@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from machine_sim.machine.box import Vec3
 from machine_sim.machine.errors import MachineError
+from machine_sim.machine.hydraulic_cylinder import Cylinder
 from machine_sim.machine.hydraulic_motor import HydraulicMotor
 from machine_sim.machine.hydraulic_supply import HydraulicSupply
-from machine_sim.machine.hydraulics import Cylinder
 from machine_sim.machine.spec import BASE, Axis, Joint
 from machine_sim.machine.spec_file.cylinders import max_joint_torque, read_cylinder
 from machine_sim.machine.spec_file.motors import read_motor

@@ -9,8 +9,8 @@ from numba import njit
 
 from machine_sim.machine import MachineError
 from machine_sim.machine.cylinder_linkage import CylinderLinkage, Rocker
+from machine_sim.machine.hydraulic_cylinder import Cylinder
 from machine_sim.machine.hydraulic_tables import cylinder_table
-from machine_sim.machine.hydraulics import Cylinder
 from machine_sim.machine.linkage_kernels import length_and_lever_arm
 
 DIRECT = CylinderLinkage((0.15, 0.75), (0.62, 0.15), (2.45, 0.62), None, -1.05, 0.85)
