@@ -118,14 +118,12 @@ def make_parser(description: str, *, runs: int | None = None) -> argparse.Argume
 
     Args:
         description: the docstring of the module; its first line is printed by `--help`.
-        runs: default of the number of runs whose medians are printed.
+        runs: default of the number of runs.
     """
     parser = argparse.ArgumentParser(description=description.split("\n", 1)[0])
     parser.add_argument("--json", action="store_true", help="print one JSON line for each value")
     if runs is not None:
-        parser.add_argument(
-            "--runs", type=int, default=runs, help=f"number of runs; medians are printed ({runs})"
-        )
+        parser.add_argument("--runs", type=int, default=runs, help=f"number of runs ({runs})")
     return parser
 
 

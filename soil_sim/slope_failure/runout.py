@@ -93,16 +93,24 @@ def deposit_with_runout(slopes, shares, first_index, budget):  # type: ignore[no
     index_offset, between, preference = _list_neighbours(params)
     count = params.distance.size
     pending = np.arange(shares.cells.size)
+    limit, scores = np.empty(2 * count), np.empty(count)
+    if params.repose_tan_scale.size == 0:  # compiled without noise, which takes less time
+        return _deposit_layers(
+            slopes.table, shares, budget, pending, index_offset, between, preference, limit, scores,
+            None,
+        )  # fmt: skip
+    preference[:] = 0.0
     return _deposit_layers(
-        slopes.table, shares, budget, pending, index_offset, between, preference,
-        np.empty(2 * count), np.empty(count),
+        slopes.table, shares, budget, pending, index_offset, between, preference, limit, scores,
+        params.repose_tan_scale,
     )  # fmt: skip
 
 
 @helper
 def _deposit_layers(  # type: ignore[no-untyped-def]
-    slopes, shares, budget, pending, index_offset, between, preference, limit, scores
-):
+    slopes, shares, budget, pending, index_offset, between, preference, limit, scores,
+    repose_tan_scale,
+):  # fmt: skip
     """Deposit the shares layer by layer, without counts of references; return the number of steps.
 
     Args:
@@ -111,13 +119,14 @@ def _deposit_layers(  # type: ignore[no-untyped-def]
         index_offset, between, preference: see `_list_neighbours`.
         limit: scratch, shape (2 n,).
         scores: scratch, shape (n,).
+        repose_tan_scale: see `RelaxationParameters`; None if it is 1 everywhere.
     """
     columns, params, occupied, queue = slopes
     cells, volumes, soils, moistures = shares
     height, repose_tan, tolerance = columns.height, params.repose_tan, params.tolerance
     rows, cols, reach, count = params.rows, params.cols, params.reach, params.distance.size
     thin, thick = _MIN_LAYER * params.distance[0], _MAX_LAYER * params.distance[0]
-    is_even = params.jitter == 0.0 and params.repose_tan_scale.size == 0
+    is_even = params.jitter == 0.0
     num_pending = _keep_pending(volumes, pending, pending.size)
     steps = 0
     limit_tangent = np.nan
@@ -127,9 +136,11 @@ def _deposit_layers(  # type: ignore[no-untyped-def]
             m = pending[n]
             i, soil, moisture = cells[m], soils[m], moistures[m]
             bulking_factor, tangent = columns.bulking_factor[soil], repose_tan[soil, moisture]
-            if tangent != limit_tangent:
-                _set_limits(limit, params, tangent)
-                limit_tangent = tangent
+            # With noise the limits are distances, to be multiplied by the tangent of each column.
+            listed_tangent = tangent if repose_tan_scale is None else 1.0
+            if listed_tangent != limit_tangent:
+                _set_limits(limit, params, listed_tangent)
+                limit_tangent = listed_tangent
             metres = bulking_factor * columns.metres_per_mm3
             volume = volumes[m]
             if steps < budget:
@@ -144,9 +155,10 @@ def _deposit_layers(  # type: ignore[no-untyped-def]
                     col = i - row * cols
                     is_interior = reach <= row < rows - reach and reach <= col < cols - reach
                     if is_even and is_interior:
+                        factor = 1.0 if repose_tan_scale is None else tangent * repose_tan_scale[i]
                         target, max_excess = _find_interior_target(
-                            height, occupied, index_offset, between, preference, limit, scores,
-                            i, top, count * (steps % 2), tolerance,
+                            height, occupied, index_offset, between, preference, limit, factor,
+                            scores, i, top, count * (steps % 2), tolerance,
                         )  # fmt: skip
                     else:
                         target, max_excess = _find_target(
@@ -227,20 +239,22 @@ def _set_limits(limit, params, tangent):  # type: ignore[no-untyped-def]
 
 @helper(forceinline=True)
 def _find_interior_target(  # type: ignore[no-untyped-def]
-    height, occupied, index_offset, between, preference, limit, scores, i, top, first, tolerance
-):
+    height, occupied, index_offset, between, preference, limit, factor, scores, i, top, first,
+    tolerance,
+):  # fmt: skip
     """Find the neighbour that soil up to `top` [m] on an interior column moves to.
 
-    For slopes without noise. The loop over the neighbours has no branches and unsigned indices
-    (`msg_bridge.kernels.decorators`): it is most of the time of a deposit. A condition would be
-    compiled to a branch, which on a slope at its angle of repose is predicted wrong again and
-    again; a score is multiplied by it instead.
+    For soil that does not slide at random. The loop over the neighbours has no branches and
+    unsigned indices (`msg_bridge.kernels.decorators`): it is most of the time of a deposit. A
+    condition would be compiled to a branch, which on a slope at its angle of repose is predicted
+    wrong again and again; a score is multiplied by it instead.
 
     Args:
         height: surface of each column [m], flat.
         occupied: marks of `columns.occupancy`, flat, uint8.
         index_offset, between, preference: see `_list_neighbours`.
         limit: see `_set_limits`.
+        factor: the rise to a neighbour is this times its limit.
         scores: scratch, shape (n,).
         i: flat index of the column.
         top: surface of the column with the soil [m].
@@ -256,7 +270,7 @@ def _find_interior_target(  # type: ignore[no-untyped-def]
     for k in range(scores.size):
         n = np.uint64(first + k)
         j = np.uint64(i + index_offset[n])
-        excess = top - height[j] - limit[n]
+        excess = top - height[j] - factor * limit[n]
         scores[k] = (excess + preference[n]) * (excess > tolerance)
         max_excess = max(max_excess, excess)
         max_score = max(max_score, scores[k])
@@ -268,7 +282,7 @@ def _find_interior_target(  # type: ignore[no-untyped-def]
             if occupied[j] != 0 or is_tool_between(occupied, between, i, first + k):
                 scores[k] = 0.0
             elif scores[k] > 0.0:
-                max_excess = max(max_excess, top - height[j] - limit[first + k])
+                max_excess = max(max_excess, top - height[j] - factor * limit[first + k])
                 max_score = max(max_score, scores[k])
     if max_score == 0.0:
         return np.int64(-1), 0.0
@@ -282,7 +296,7 @@ def _find_interior_target(  # type: ignore[no-untyped-def]
 def _find_target(height, params, occupied, i, top, tangent, forward):  # type: ignore[no-untyped-def]
     """Find the neighbour that soil up to `top` [m] on column i exceeds its slope against by most.
 
-    For the edge of the map, and for noise.
+    For the edge of the map, and for soil that slides at random (`RelaxationNoise.jitter`).
 
     Returns:
         (flat index of the neighbour, -1 if there is none; excess over it [m]).
