@@ -2,7 +2,7 @@
 
 In every direction in which a neighbour can lie, the columns are divided into pairs, with no column
 in two pairs at a time, and the higher column of a pair gives the excess of height to the lower one.
-The inner loops are free of branches, so that they are compiled to vector instructions.
+Pairs of two rows are relaxed block by block (`soil_sim.slope_failure.pair_blocks`).
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from msg_bridge.kernels import helper, kernel
 from soil_sim.slope_failure.neighbourhood import columns_between
+from soil_sim.slope_failure.pair_blocks import BLOCK_SIZE, relax_block, steep_pairs
 from soil_sim.slope_failure.window_surface import relaxed_cols
 
 __all__ = ["PairDirections", "pair_directions", "relax_passes"]
@@ -56,16 +57,14 @@ class _Scratch(NamedTuple):
         relaxed_at: step in which each half of the pairs of each direction was relaxed last, -1 for
             never, shape (2 directions,), int64.
         heights_before: heights of the columns of retained pairs, shape (pairs, 2), float32.
-        is_first: 1 for the first columns of the pairs of each half within a row, and 0 for all
-            others, shape (2 directions * padded cols,), float32.
-        transfers: what the columns of a row give, shape (padded cols,), float32.
+        is_first: bits of the first columns of the pairs of each half within a row, block by block,
+            shape (2 directions * blocks of a row,), uint16.
     """
 
     moved_at: NDArray[np.int64]
     relaxed_at: NDArray[np.int64]
     heights_before: NDArray[np.float32]
-    is_first: NDArray[np.float32]
-    transfers: NDArray[np.float32]
+    is_first: NDArray[np.uint16]
 
 
 def pair_directions(
@@ -157,8 +156,7 @@ def _relax_passes(layers, shape, num_cols, directions, distance, retained, progr
         np.full(shape[0], -1, np.int64),
         np.full(halves, -1, np.int64),
         np.empty((retained.cells.shape[0], 2), np.float32),
-        _first_columns(directions.offsets, shape[1]),
-        np.empty(shape[1], np.float32),
+        _first_columns(directions.offsets, relaxed_cols(num_cols)),
     )
     num_done, max_passes = progress
     for n in range(max_passes):
@@ -178,18 +176,20 @@ def _relax_passes(layers, shape, num_cols, directions, distance, retained, progr
 
 
 @helper(allocates=True)
-def _first_columns(offsets, stride):  # type: ignore[no-untyped-def]
-    """Return `_Scratch.is_first` for directions by their `offsets` and rows of `stride` columns."""
-    is_first = np.empty(2 * offsets.shape[0] * stride, np.float32)
+def _first_columns(offsets, cols):  # type: ignore[no-untyped-def]
+    """Return `_Scratch.is_first` for directions by their `offsets` and rows of `cols` columns."""
+    num_blocks = cols // BLOCK_SIZE
+    is_first = np.zeros(2 * offsets.shape[0] * num_blocks, np.uint16)
     for k in range(offsets.shape[0]):
         di, dj = offsets[k, 0], offsets[k, 1]
         if di == 0:
             for half in range(2):
-                mark, remaining = np.float32(1 - half), dj
-                for j in range(stride):
+                bit, remaining = 1 - half, dj  # of dj columns in turn
+                for j in range(num_blocks * BLOCK_SIZE):
                     if remaining == 0:
-                        mark, remaining = np.float32(1.0) - mark, dj
-                    is_first[(2 * k + half) * stride + j] = mark
+                        bit, remaining = 1 - bit, dj
+                    block = (2 * k + half) * num_blocks + j // BLOCK_SIZE
+                    is_first[block] |= np.uint16(bit << j % BLOCK_SIZE)
                     remaining -= 1
     return is_first
 
@@ -257,7 +257,7 @@ def _relax_half(layers, shape, width, di, dj, half, limit, scratch, last, step):
         width: number of pairs in a row.
         di, dj: rows and columns from a column to its partner.
         half: number of the half, among those of all directions.
-        limit: see `_transfer`.
+        limit: see `_relax_rows`.
         scratch: `_Scratch`.
         last, step: steps in which the half was relaxed last, and in which it is now.
 
@@ -271,20 +271,17 @@ def _relax_half(layers, shape, width, di, dj, half, limit, scratch, last, step):
     end = np.uint64(shape[0] - di)
     first = row_step * np.uint64(half % 2)
     run = row_step if di > 0 else end
-    marks = np.uint64(half) * stride
+    marks = np.uint64(half) * (num_pairs // np.uint64(BLOCK_SIZE))
     while first < end:
         for i in range(first, min(first + run, end)):
             to = i + row_step
             if moved_at[i] < last and moved_at[to] < last:
                 continue
             a, b = i * stride, to * stride + np.uint64(dj)
-            # In most rows nothing moves, which takes half of the time to find out.
-            if not _is_any_steep(layers[0], layers[2], a, b, num_pairs, limit):
-                continue
             if di == 0:
-                moved = _relax_within_row(layers, a, b, num_pairs, limit, scratch, marks)
+                moved = _relax_rows(layers, a, b, num_pairs, limit, scratch.is_first, marks)
             else:
-                moved = _relax_between_rows(layers, a, b, num_pairs, limit)
+                moved = _relax_rows(layers, a, b, num_pairs, limit, None, marks)
             if moved:
                 has_moved = True
                 moved_at[i] = moved_at[to] = step
@@ -293,102 +290,30 @@ def _relax_half(layers, shape, width, di, dj, half, limit, scratch, last, step):
 
 
 @helper(forceinline=True)
-def _is_any_steep(heights, tangents, a, b, width, limit):  # type: ignore[no-untyped-def]
-    """Return whether any pair of two rows has an excess that `_transfer` would relax.
-
-    The result is a boolean, here and below: `|` of integers of 32 bits gives one of 64 in Numba,
-    for which the vector instructions would take half as many columns at once.
-
-    Args:
-        heights, tangents: layers of `_relax_passes`.
-        a, b, width, limit: see `_relax_between_rows`.
-    """
-    is_any = False
-    for n in range(width):
-        is_any |= _excess(heights, tangents, a + n, b + n, limit[0]) > limit[1]
-    return is_any
-
-
-@helper(forceinline=True)
-def _relax_between_rows(layers, a, b, width, limit):  # type: ignore[no-untyped-def]
-    """Relax the pairs of two rows, which begin at flat indices a and b.
-
-    Flat arrays and unsigned indices, so that the loop is compiled to vector instructions.
+def _relax_rows(layers, a, b, width, limit, is_first, marks):  # type: ignore[no-untyped-def]
+    """Relax the pairs of two rows, or within a row, which begin at flat indices a and b.
 
     Args:
         layers: see `_relax_passes`.
-        a, b: flat indices of the first columns.
-        width: number of pairs.
-        limit: see `_transfer`.
-
-    Returns:
-        Whether any soil moved.
-    """
-    heights, has_moved = layers[0], False
-    for n in range(width):
-        change = _transfer(*layers, a + n, b + n, limit)
-        has_moved |= change != np.float32(0.0)
-        heights[a + n] -= change
-        heights[b + n] += change
-    return has_moved
-
-
-@helper(forceinline=True)
-def _relax_within_row(layers, a, b, width, limit, scratch, marks):  # type: ignore[no-untyped-def]
-    """Relax the pairs of columns in a row of which the first ones are marked.
-
-    The transfers of all columns are computed, for vector instructions, and those of the pairs used.
-
-    Args:
-        layers, a, b, width, limit: see `_relax_between_rows`.
-        scratch: `_Scratch`; its transfers are changed.
-        marks: index of the first of the marks of the columns among `_Scratch.is_first`.
-
-    Returns:
-        Whether any soil moved.
-    """
-    heights, is_first, transfers = layers[0], scratch.is_first, scratch.transfers
-    has_moved = False
-    for n in range(width):
-        change = is_first[marks + n] * _transfer(*layers, a + n, b + n, limit)
-        has_moved |= change != np.float32(0.0)
-        transfers[n] = change
-    for n in range(width):
-        heights[a + n] -= transfers[n]
-    for n in range(width):
-        heights[b + n] += transfers[n]
-    return has_moved
-
-
-@helper(forceinline=True)
-def _transfer(heights, floor, tangents, x, y, limit):  # type: ignore[no-untyped-def]
-    """Return the height [m] that column x gives to y, negative from y to x; without a branch.
-
-    Args:
-        heights, floor, tangents: layers of `_relax_passes`.
-        x, y: flat indices of the columns.
+        a, b: flat indices of the first columns, uint64.
+        width: number of pairs, uint64.
         limit: (distance of the columns, or drop between them that is stable [m]; tolerance [m];
             fraction of the excess that the higher column gives), float32.
+        is_first: see `_Scratch`; None for the pairs of two rows.
+        marks: index in it of the bits of the first block, uint64.
+
+    Returns:
+        Whether any soil moved.
     """
+    heights, floor, tangents = layers
     stable_drop, tolerance, fraction = limit
-    zero = np.float32(0.0)
-    drop = heights[x] - heights[y]
-    excess = _excess(heights, tangents, x, y, stable_drop)
-    transfer = fraction * excess
-    if floor is not None:
-        available_x, available_y = heights[x] - floor[x], heights[y] - floor[y]
-        available = available_x if drop > zero else available_y
-        transfer = available if available < transfer else transfer
-        transfer = transfer if transfer > zero else zero
-    transfer = transfer if excess > tolerance else zero
-    return math.copysign(transfer, drop)
-
-
-@helper(forceinline=True)
-def _excess(heights, tangents, x, y, stable_drop):  # type: ignore[no-untyped-def]
-    """Return the excess of the height [m] between columns x and y; see `_transfer`."""
-    drop = heights[x] - heights[y]
-    if tangents is not None:  # when compiled
-        tangent_x, tangent_y = tangents[x], tangents[y]
-        stable_drop *= tangent_x if drop > np.float32(0.0) else tangent_y
-    return abs(drop) - stable_drop
+    has_moved = False
+    for k in range(width // np.uint64(BLOCK_SIZE)):
+        x, y = a + k * np.uint64(BLOCK_SIZE), b + k * np.uint64(BLOCK_SIZE)
+        steep = steep_pairs(heights, tangents, x, y, stable_drop, tolerance)
+        if is_first is not None:  # when compiled
+            steep = np.uint16(steep & is_first[marks + k])
+        if steep != 0:  # of few blocks, once most soil is at rest
+            moved = relax_block(heights, floor, tangents, x, y, stable_drop, fraction, steep)
+            has_moved |= moved != 0
+    return has_moved

@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 from msg_bridge.kernels import helper, kernel
 from soil_sim.columns.occupancy import FREE
 from soil_sim.columns.operations import firm_top
+from soil_sim.slope_failure.pair_blocks import BLOCK_SIZE
 
 __all__ = ["WALL", "WindowSurface", "copy_surface", "padded_cols", "relaxed_cols"]
 
 WALL = np.float32(np.nan)
 """Height of columns that neither give nor receive soil: comparisons with it are false."""
-
-_BLOCK = 16
-"""Columns of a row that are relaxed by vector instructions at once [cells]."""
 
 _SAME_TANGENT = 1.05
 """Ratio of the tangents of firm and loose soil up to which both slide together."""
@@ -56,7 +54,7 @@ class WindowSurface(NamedTuple):
 @kernel(forceinline=True)
 def relaxed_cols(num_cols):  # type: ignore[no-untyped-def]
     """Return the number of columns of a row that are relaxed: whole blocks."""
-    return -(-num_cols // _BLOCK) * _BLOCK
+    return -(-num_cols // BLOCK_SIZE) * BLOCK_SIZE
 
 
 @kernel(forceinline=True)
