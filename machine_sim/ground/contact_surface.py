@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from machine_sim.ground.contact_surface_kernels import (
     MAX_MOISTURE,
+    GroundLayers,
     apply_map_updates,
     raise_surface,
     set_cells,
@@ -28,6 +29,7 @@ from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import Keyframe
 from msg_bridge.contract.rows import Rows
+from msg_bridge.kernels import box_table
 
 __all__ = ["MAX_RISE_SPEED", "Ground", "GroundError", "surface_at"]
 
@@ -90,9 +92,20 @@ class Ground:
         self.rut_depth: NDArray[np.float64] = np.zeros(grid.shape)
         self.max_sinkage: NDArray[np.float64] = np.zeros(grid.shape)
         self._rising_cells: NDArray[np.int64] = np.zeros(0, dtype=np.int64)  # flat, unique
-        self._is_rising: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
         self.changed: NDArray[np.bool_] = np.zeros(grid.shape, dtype=np.bool_)
         self.has_changes = False
+        self._layers = GroundLayers(
+            self.elevation,
+            self.surface,
+            self.undisturbed_surface,
+            self.rut_depth,
+            self.max_sinkage,
+            self.soil,
+            self.moisture,
+            self.changed,
+            is_rising=np.zeros(grid.shape, dtype=np.bool_),
+        )
+        self._boxed_layers = box_table(self._layers)
 
     def continue_from(self, other: Ground) -> None:
         """Take terrain and ruts from a ground of the same grid; soils keep their ids.
@@ -101,16 +114,7 @@ class Ground:
             GroundError: it has a soil that this one lacks.
         """
         self._check_soil_ids(other.soil)
-        for layer, before in (
-            (self.soil, other.soil),
-            (self.moisture, other.moisture),
-            (self.elevation, other.elevation),
-            (self.surface, other.surface),
-            (self.undisturbed_surface, other.undisturbed_surface),
-            (self.rut_depth, other.rut_depth),
-            (self.max_sinkage, other.max_sinkage),
-            (self._is_rising, other._is_rising),
-        ):
+        for layer, before in zip(self._layers, other._layers, strict=True):
             layer[:] = before
         self._rising_cells = other._rising_cells.copy()
         self.changed[:] = self.has_changes = True
@@ -171,15 +175,7 @@ class Ground:
         num_rising = apply_map_updates(
             map_updates,
             len(self.soils),
-            self.soil,
-            self.moisture,
-            self.elevation,
-            self.surface,
-            self.rut_depth,
-            self.max_sinkage,
-            self.undisturbed_surface,
-            self.changed,
-            self._is_rising,
+            self._boxed_layers,
             rising,
             self._rising_cells.size,
         )
@@ -221,13 +217,7 @@ class Ground:
             cells,
             heights,
             rut_depths,
-            self.elevation,
-            self.surface,
-            self.rut_depth,
-            self.max_sinkage,
-            self.undisturbed_surface,
-            self.changed,
-            self._is_rising,
+            self._boxed_layers,
             rising,
             self._rising_cells.size,
         )
@@ -244,16 +234,7 @@ class Ground:
         """Raise the contact surface toward the soil's surface for `dt` [s]."""
         if self._rising_cells.size == 0:
             return
-        num_rising = raise_surface(
-            self._rising_cells,
-            MAX_RISE_SPEED * dt,
-            self.elevation,
-            self.surface,
-            self.rut_depth,
-            self.undisturbed_surface,
-            self.changed,
-            self._is_rising,
-        )
+        num_rising = raise_surface(self._rising_cells, MAX_RISE_SPEED * dt, self._boxed_layers)
         self._rising_cells = self._rising_cells[:num_rising]
         self.has_changes = True
 

@@ -3,18 +3,47 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msg_bridge.kernels import fixed_signature_kernel, helper, kernel
 
-__all__ = ["MAX_MOISTURE", "apply_map_updates", "raise_surface", "set_cells", "surface_at"]
+__all__ = [
+    "MAX_MOISTURE",
+    "GroundLayers",
+    "apply_map_updates",
+    "raise_surface",
+    "set_cells",
+    "surface_at",
+]
 
 MAX_MOISTURE = 100
 """Maximum moisture for which soil parameters are defined [% of saturation]."""
 
 _ROUNDING_TOLERANCE = 1e-4
 """Height change [m] below which it is a rounding error of messages."""
+
+
+class GroundLayers(NamedTuple):
+    """Layers of `Ground` that change with the terrain, shape (rows, cols) each.
+
+    Attributes:
+        elevation, surface, undisturbed_surface, rut_depth, max_sinkage: as of `Ground` [m].
+        soil, moisture, changed: as of `Ground`.
+        is_rising: whether each cell rises.
+    """
+
+    elevation: NDArray[np.float64]
+    surface: NDArray[np.float64]
+    undisturbed_surface: NDArray[np.float64]
+    rut_depth: NDArray[np.float64]
+    max_sinkage: NDArray[np.float64]
+    soil: NDArray[np.uint8]
+    moisture: NDArray[np.uint8]
+    changed: NDArray[np.bool_]
+    is_rising: NDArray[np.bool_]
 
 
 @kernel(inline="always")
@@ -42,165 +71,111 @@ def surface_at(surface, x_first, y_first, inverse_cell, x, y):  # type: ignore[n
 
 
 @kernel
-def apply_map_updates(  # type: ignore[no-untyped-def]
-    rows,
-    num_soils,
-    soil,
-    moisture,
-    elevation,
-    surface,
-    rut_depth,
-    max_sinkage,
-    undisturbed_surface,
-    changed,
-    is_rising,
-    rising,
-    num_rising,
-):
+def apply_map_updates(rows, num_soils, boxed_layers, rising, num_rising):  # type: ignore[no-untyped-def]
     """Apply MAP_UPDATE rows, all of them or none.
 
     Args:
         rows: MAP_UPDATE rows.
         num_soils: number of soils of the run.
-        soil, moisture: layers of `Ground`, updated.
-        elevation, surface, rut_depth, max_sinkage, undisturbed_surface: as for `set_cells`.
-        changed, is_rising, rising, num_rising: as for `set_cells`.
+        boxed_layers, rising, num_rising: as for `set_cells`.
 
     Returns:
         Number of cells that rise now; -1 if nothing was changed because a row is off the map, has
         an unknown soil or a height that is not finite.
     """
+    layers = boxed_layers.table
+    num_rows, num_cols = layers.elevation.shape
     for n in range(rows.size):
         row = rows[n]
-        is_on_map = row.row < elevation.shape[0] and row.col < elevation.shape[1]
+        is_on_map = row.row < num_rows and row.col < num_cols
         if not (is_on_map and row.soil < num_soils and np.isfinite(row.z)):
             return -1
     for n in range(rows.size):
         row = rows[n]
         i, j = np.int64(row.row), np.int64(row.col)
-        soil[i, j], moisture[i, j] = row.soil, min(row.moisture, MAX_MOISTURE)
-        num_rising = _set_cell(
-            i,
-            j,
-            np.float64(row.z),
-            np.float64(row.rut_depth),
-            elevation,
-            surface,
-            rut_depth,
-            max_sinkage,
-            undisturbed_surface,
-            changed,
-            is_rising,
-            rising,
-            num_rising,
-        )
+        layers.soil[i, j], layers.moisture[i, j] = row.soil, min(row.moisture, MAX_MOISTURE)
+        height, rut = np.float64(row.z), np.float64(row.rut_depth)
+        if _set_cell(i, j, height, rut, layers):
+            rising[num_rising] = i * num_cols + j
+            num_rising += 1
     return num_rising
 
 
 @fixed_signature_kernel
-def set_cells(  # type: ignore[no-untyped-def]
-    cells,
-    heights,
-    rut_depths,
-    elevation,
-    surface,
-    rut_depth,
-    max_sinkage,
-    undisturbed_surface,
-    changed,
-    is_rising,
-    rising,
-    num_rising,
-):
+def set_cells(cells, heights, rut_depths, boxed_layers, rising, num_rising):  # type: ignore[no-untyped-def]
     """Set the heights and the depths of ruts of changed cells.
 
     Args:
         cells: flat indices of the changed cells.
         heights, rut_depths: their new heights and depths of ruts [m].
-        elevation, surface, rut_depth, max_sinkage, undisturbed_surface: layers of `Ground` [m],
-            updated.
-        changed: set where a cell has changed, shape (rows, cols).
-        is_rising: whether each cell rises, shape (rows, cols); updated.
+        boxed_layers: `GroundLayers`, boxed; updated.
         rising: flat indices of the cells that rise, with space for the changed cells; updated.
         num_rising: number of cells that rise already.
 
     Returns:
         Number of cells that rise now; a cell that was lowered again may be among them.
     """
-    cols = elevation.shape[1]
+    layers = boxed_layers.table
+    cols = layers.elevation.shape[1]
     for n in range(cells.size):
-        num_rising = _set_cell(
-            cells[n] // cols,
-            cells[n] % cols,
-            heights[n],
-            rut_depths[n],
-            elevation,
-            surface,
-            rut_depth,
-            max_sinkage,
-            undisturbed_surface,
-            changed,
-            is_rising,
-            rising,
-            num_rising,
-        )
+        if _set_cell(cells[n] // cols, cells[n] % cols, heights[n], rut_depths[n], layers):
+            rising[num_rising] = cells[n]
+            num_rising += 1
     return num_rising
 
 
 @helper(forceinline=True)
-def _set_cell(  # type: ignore[no-untyped-def]
-    i,
-    j,
-    height,
-    rut,
-    elevation,
-    surface,
-    rut_depth,
-    max_sinkage,
-    undisturbed_surface,
-    changed,
-    is_rising,
-    rising,
-    num_rising,
-):
-    """Set the height and the depth of the rut of cell (i, j) [m]; else as `set_cells`."""
+def _set_cell(i, j, height, rut, layers):  # type: ignore[no-untyped-def]
+    """Set the height and the depth of the rut of cell (i, j) [m].
+
+    Returns:
+        Whether the cell begins to rise.
+    """
+    elevation, surface, rut_depth = layers.elevation, layers.surface, layers.rut_depth
+    max_sinkage, undisturbed_surface = layers.max_sinkage, layers.undisturbed_surface
     pressed = max(rut - rut_depth[i, j], 0.0)
     moved = abs(height - elevation[i, j] + pressed)  # height of soil added or removed
     if moved > _ROUNDING_TOLERANCE:
         max_sinkage[i, j] -= moved
     max_sinkage[i, j] = max(max_sinkage[i, j], rut)
     elevation[i, j], rut_depth[i, j] = height, rut
-    changed[i, j] = True
+    layers.changed[i, j] = True
     undisturbed = height + rut
     surface[i, j] = min(surface[i, j], height)
     undisturbed_surface[i, j] = min(undisturbed_surface[i, j], undisturbed)
     is_below = surface[i, j] < height or undisturbed_surface[i, j] < undisturbed
-    if is_below and not is_rising[i, j]:
-        is_rising[i, j] = True
-        rising[num_rising] = i * elevation.shape[1] + j
-        return num_rising + 1
-    return num_rising
+    if is_below and not layers.is_rising[i, j]:
+        layers.is_rising[i, j] = True
+        return True
+    return False
 
 
 @fixed_signature_kernel
-def raise_surface(  # type: ignore[no-untyped-def]
-    rising, step, elevation, surface, rut_depth, undisturbed_surface, changed, is_rising
-):
+def raise_surface(rising, step, boxed_layers):  # type: ignore[no-untyped-def]
     """Raise cells by `step` [m] at most.
+
+    Args:
+        rising: flat indices of the cells; updated.
+        step: maximum rise [m].
+        boxed_layers: `GroundLayers`, boxed; updated.
 
     Returns:
         Number of those still below their heights, which are moved to the front of `rising`.
     """
+    layers = boxed_layers.table
+    elevation, surface = layers.elevation, layers.surface
+    undisturbed_surface = layers.undisturbed_surface
     cols = elevation.shape[1]
     count = 0
     for n in range(rising.size):
         i, j = rising[n] // cols, rising[n] % cols
-        undisturbed = elevation[i, j] + rut_depth[i, j]
+        undisturbed = elevation[i, j] + layers.rut_depth[i, j]
         surface[i, j] = min(surface[i, j] + step, elevation[i, j])
         undisturbed_surface[i, j] = min(undisturbed_surface[i, j] + step, undisturbed)
-        changed[i, j] = True
-        is_rising[i, j] = surface[i, j] < elevation[i, j] or undisturbed_surface[i, j] < undisturbed
-        if is_rising[i, j]:
+        layers.changed[i, j] = True
+        is_below = surface[i, j] < elevation[i, j] or undisturbed_surface[i, j] < undisturbed
+        layers.is_rising[i, j] = is_below
+        if is_below:
             rising[count] = rising[n]
             count += 1
     return count
