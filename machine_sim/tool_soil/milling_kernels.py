@@ -28,7 +28,6 @@ __all__ = [
     "MILLED",
     "NOT_MILLED",
     "PICK_FORCE",
-    "THRUST_RATIO",
     "WORK_STATE",
     "drum_wrench",
     "milling_record",
@@ -56,7 +55,7 @@ _RADIUS, _PICK_ANGLE = 17, 18
 
 _NUM_SLOTS = 19
 
-THRUST_RATIO = 1.0
+_THRUST_RATIO = 1.0
 """Ratio of the normal to the cutting force of a pick [-]: measured ratios of conical picks are
 around one and increase with wear (see `soil_sim.tool_force.rock_pick`)."""
 
@@ -84,13 +83,13 @@ def milling_record(radius: float, pick_angle: float) -> NDArray[np.float64]:
 
 
 @kernel
-def receive_milling(rows, rotation, origin, max_thrust, record, contact):  # type: ignore[no-untyped-def]
+def receive_milling(rows, rotation, origin, travel, record, contact):  # type: ignore[no-untyped-def]
     """Take the soil's answer to a tick of a drum.
 
     Args:
         rows: FORCE rows of the drum, shape (n,).
         rotation, origin: pose of its non-spinning frame at the end of that tick.
-        max_thrust: ratio and distance [m]; the thrust [N] is the ratio times work over distance.
+        travel: distance that the picks moved in that tick [m].
         record: of the picks; its debt is updated.
         contact: spring-damper of the soil in front of the drum; updated.
 
@@ -110,8 +109,8 @@ def receive_milling(rows, rotation, origin, max_thrust, record, contact):  # typ
         return mill_row
     if bearing_row >= 0 and not _is_finite(rows[bearing_row]):
         return bearing_row
-    ratio, distance = max_thrust
-    limit = ratio * work / distance if distance > 0.0 else 0.0
+    # The thrust on the picks is their force, work over distance, times a ratio.
+    limit = _THRUST_RATIO * work / travel if travel > 0.0 else 0.0
     row = rows[mill_row]
     if bearing_row >= 0:
         row, limit = rows[bearing_row], math.inf
@@ -186,7 +185,7 @@ def step_picks(  # type: ignore[no-untyped-def]
     )
     _engage_at(record, point, axis)
     slip, arm = _slip(record, spin, frame_velocity, frame_spin), record[_ARM]
-    target = contact[ACTIVE_FRACTION] * contact[MAX_FORCE] / THRUST_RATIO
+    target = contact[ACTIVE_FRACTION] * contact[MAX_FORCE] / _THRUST_RATIO
     travel = abs(slip) * dt / (arm * record[_PICK_ANGLE])
     rise = max(target - record[PRESSED_FORCE], 0.0) * min(travel, 1.0)
     pressed_force = min(record[PRESSED_FORCE] + rise, target)

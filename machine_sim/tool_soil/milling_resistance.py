@@ -39,7 +39,6 @@ from machine_sim.tool_soil.milling_kernels import (
     MILLED,
     NOT_MILLED,
     PICK_FORCE,
-    THRUST_RATIO,
     WORK_STATE,
     drum_wrench,
     milling_record,
@@ -175,10 +174,8 @@ class MillingResistance:
         Raises:
             MachineError: values that are not finite; the previous ones stay in force.
         """
-        # The thrust on the picks is their force, work over distance, times a ratio.
-        distance = self._radius * abs(self._tool.drum_speed) * self._tick_period
-        ratio_of_work = THRUST_RATIO, distance
-        answer = receive_milling(rows, *pose, ratio_of_work, self._record, self.contact)
+        travel = self._radius * abs(self._tool.drum_speed) * self._tick_period
+        answer = receive_milling(rows, *pose, travel, self._record, self.contact)
         if answer == NOT_MILLED:
             self.static_resistance.receive(rows, pose)
             reset_contact(self.contact)
