@@ -275,7 +275,7 @@ class OpenContainer:
         return np.column_stack([self.profile[:, 0], y, self.profile[:, 1]])
 
 
-@helper
+@helper(forceinline=True)
 def local_point(position, i, container, rotation, origin):  # type: ignore[no-untyped-def]
     """Return whether a point can be in a container or its heap, and where it is in its frame [m].
 
@@ -298,7 +298,7 @@ def local_point(position, i, container, rotation, origin):  # type: ignore[no-un
     return abs(y) <= 0.5 * container.width, x, z
 
 
-@helper
+@helper(forceinline=True)
 def is_in_heap(x, z, container):  # type: ignore[no-untyped-def]
     """Return whether a point between the sides is in the heap on the opening.
 
@@ -313,7 +313,7 @@ def is_in_heap(x, z, container):  # type: ignore[no-untyped-def]
     return 0.0 <= along <= opening.length and 0.0 <= above <= opening.heap_height
 
 
-@helper
+@helper(forceinline=True)
 def is_in_struck_volume(x, z, container):  # type: ignore[no-untyped-def]
     """Return whether a point between the sides is in the struck volume.
 
@@ -322,7 +322,7 @@ def is_in_struck_volume(x, z, container):  # type: ignore[no-untyped-def]
         container: `ContainerTable`.
     """
     normals, offsets = container.half_planes.normals, container.half_planes.offsets
-    is_inside = True
     for k in range(len(offsets)):
-        is_inside &= normals[k, 0] * x + normals[k, 1] * z <= offsets[k] + 1e-12
-    return is_inside
+        if not normals[k, 0] * x + normals[k, 1] * z <= offsets[k] + 1e-12:
+            return False
+    return True
