@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from machine_sim.dem import SoilEngine
 from machine_sim.ground.contact_surface import Ground
 from machine_sim.machine import MachineError, MachineSpec, TrackedMachine
-from machine_sim.machine.tracks.track_model import sole_contact
 from machine_sim.params import MachineSimParams
 from machine_sim.tool_soil.coupling import ToolSoilCoupling
 from machine_sim.tool_soil.payload import Payload
@@ -88,9 +87,7 @@ class SimulatedMachine:
             for k, (name, tool) in enumerate(self.machine.tools.items())
         }
         self.num_tool_ids = len(self.couplings) + _NUM_TRACKS
-        self._track_sweep = TrackSweep(
-            self.machine.spec.tracks, first_tool_id + len(self.couplings)
-        )
+        self._track_sweep = TrackSweep(self.machine.tracks, first_tool_id + len(self.couplings))
         self._last_base_frame = self.machine.base_frame
         self._grid = ground.grid
         self._efforts: list[list[float]] = []  # `drive_efforts` of each physics step of a tick
@@ -198,9 +195,7 @@ class SimulatedMachine:
         """End a tick, and return the SWEEP rows of each tool and of the tracks."""
         tool_sweeps = [coupling.end_tick() for coupling in self.couplings.values()]
         previous_frame, self._last_base_frame = self._last_base_frame, self.machine.base_frame
-        track_sweeps = self._track_sweep.rows(
-            previous_frame, self._last_base_frame, sole_contact(self.machine.tracks)
-        )
+        track_sweeps = self._track_sweep.rows(previous_frame, self._last_base_frame)
         return [*tool_sweeps, track_sweeps]
 
     @property

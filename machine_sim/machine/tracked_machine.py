@@ -25,7 +25,7 @@ from machine_sim.ground.contact_surface import Ground
 from machine_sim.machine.actuator_step import ActuatorTables
 from machine_sim.machine.base_motion import (
     ANGULAR_VELOCITY,
-    CENTER_OF_MASS,
+    ORIGIN,
     ROTATION,
     VELOCITY,
     base_motion,
@@ -266,7 +266,9 @@ class TrackedMachine:
         body, client = self.body, self.client_id
         self._com_list, self._quaternion = pybullet.getBasePositionAndOrientation(body, client)
         velocity, angular_velocity = pybullet.getBaseVelocity(body, client)
-        self._motion = base_motion(self._com_list, self._quaternion, velocity, angular_velocity)
+        self._motion = base_motion(
+            self._com_list, self._quaternion, velocity, angular_velocity, self._base_com
+        )
         if self._joints:  # pybullet does not accept an empty list
             states = pybullet.getJointStates(body, self._joints, client)
             self._angles, self._rates, _, self._efforts = zip(*states, strict=True)
@@ -317,8 +319,7 @@ class TrackedMachine:
     @property
     def base_frame(self) -> tuple[Array, Array]:
         """Rotation matrix `base_link` to map, shape (3, 3), and its origin [m], shape (3,)."""
-        rotation = self._motion[ROTATION]
-        return rotation, self._motion[CENTER_OF_MASS] - rotation.dot(self._base_com)
+        return self._motion[ROTATION], self._motion[ORIGIN]
 
     @property
     def base_velocity(self) -> tuple[Array, Array]:

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from machine_sim.dem import Pose
 from machine_sim.machine.box import Vec3
 from machine_sim.machine.rotated_vectors import rotate_to_frame, rotate_to_map
-from machine_sim.machine.spec import TrackSpec
-from machine_sim.machine.tracks.track_model import SoleContact
+from machine_sim.machine.tracks.track_model import ShoeTable, Tracks, sole_contact
 from msg_bridge.contract.rows import (
     MAX_MILLING_WORK,
     SWEEP,
@@ -31,7 +30,7 @@ from msg_bridge.contract.rows import (
     empty_rows,
     no_rows,
 )
-from msg_bridge.kernels import fixed_signature_kernel, helper
+from msg_bridge.kernels import box_table, fixed_signature_kernel, helper
 
 __all__ = ["DrumSweep", "PlateSweep", "TrackSweep"]
 
@@ -43,8 +42,6 @@ _MIN_POINT_DISPLACEMENT = 1e-5
 
 _MIN_TRACK_DISPLACEMENT = 2e-4
 """Displacement of all track points in a tick [m] below which the machine stands."""
-
-_NO_CONTACT = SoleContact((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
 
 _CUT, _COMPACT, _MILL = map(int, (SweepAction.CUT, SweepAction.COMPACT, SweepAction.MILL))
 
@@ -166,13 +163,14 @@ class DrumSweep:
 class TrackSweep:
     """Sweep of a pair of tracks: they compact the ground under their shoes."""
 
-    def __init__(self, tracks: TrackSpec, first_tool_id: int) -> None:
+    def __init__(self, tracks: Tracks, first_tool_id: int) -> None:
         """
         Args:
-            tracks: dimensions of the tracks.
+            tracks: the tracks.
             first_tool_id: tool id of the left track; the right track has the next one.
         """
-        x, y, half = 0.5 * tracks.axle_distance, 0.5 * tracks.gauge, 0.5 * tracks.shoe_width
+        spec = tracks.spec.tracks
+        x, y, half = 0.5 * spec.axle_distance, 0.5 * spec.gauge, 0.5 * spec.shoe_width
         self._points = np.array(
             [
                 (along, side + edge, 0.0)
@@ -187,22 +185,22 @@ class TrackSweep:
         self._key_points.rows["tool"][num_points // 2 :] += 1
         self._key_points.rows["action"] = SweepAction.COMPACT
         self._pressure: NDArray[np.float32] = self._key_points.rows["pressure"].reshape(2, 2, 2)
+        self._shoes = box_table(ShoeTable.of(tracks))
 
-    def rows(self, start: Pose, end: Pose, contact: SoleContact = _NO_CONTACT) -> Rows:
+    def rows(self, start: Pose, end: Pose) -> Rows:
         """Return the SWEEP rows of one tick: front and rear edge of each track, left track first.
 
         A machine at rest has no rows: the ground under it is compacted already.
 
         Args:
             start, end: pose of the base frame, whose origin is on the ground.
-            contact: of the soles with the ground.
         """
         strip = self._key_points
         displacement = _sweep_tracks(
             self._points,
             *start,
             *end,
-            contact,
+            self._shoes,
             strip.segments,
             strip.displacements,
             self._pressure,
@@ -264,20 +262,29 @@ def _sweep_plates(  # type: ignore[no-untyped-def]
 
 @fixed_signature_kernel
 def _sweep_tracks(  # type: ignore[no-untyped-def]
-    points, rotation, origin, end_rotation, end_origin, contact, segments, displacements, pressure
+    points,
+    rotation,
+    origin,
+    end_rotation,
+    end_origin,
+    boxed_shoes,
+    segments,
+    displacements,
+    pressure,
 ):
     """Move key points at the height of the soles, and set their pressures.
 
     Args:
         points: see `_move_points`; left track first, the heights are set.
         rotation, origin, end_rotation, end_origin, segments, displacements: see `_move_points`.
-        contact: `SoleContact`.
+        boxed_shoes: `ShoeTable`, boxed.
         pressure: out [Pa], of the left and right edge at front and rear of each track, shape
             (2, 2, 2).
 
     Returns:
         Maximum component of a displacement [m].
     """
+    contact = sole_contact(boxed_shoes.table)
     points_per_side = len(points) // 2
     for side in range(2):
         for k in range(points_per_side):

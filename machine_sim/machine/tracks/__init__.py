@@ -23,6 +23,7 @@ from machine_sim.machine.tracks.kinematic import KinematicTracks
 from machine_sim.machine.tracks.placement import standing_pose
 from machine_sim.machine.tracks.track_model import (
     TRACK_MODELS,
+    ShoeTable,
     SoleContact,
     TrackModel,
     Tracks,
@@ -34,6 +35,7 @@ __all__ = [
     "TRACK_MODELS",
     "DynamicTracks",
     "KinematicTracks",
+    "ShoeTable",
     "SoleContact",
     "TrackModel",
     "Tracks",

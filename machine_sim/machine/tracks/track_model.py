@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from machine_sim.machine.spec import MachineSpec
 from machine_sim.machine.tracks.running_gear import with_dynamic_tracks
 from machine_sim.machine.tracks.track_state import SHOE_X, SHOE_Z
-from msg_bridge.kernels import BoxedTable, fixed_signature_kernel, helper
+from msg_bridge.kernels import BoxedTable, helper, kernel
 
 __all__ = [
     "TRACK_MODELS",
+    "ShoeTable",
     "SoleContact",
     "TrackModel",
     "Tracks",
@@ -120,48 +121,65 @@ class SoleContact(NamedTuple):
     rear_pressures: tuple[float, float]
 
 
-def sole_contact(tracks: Tracks) -> SoleContact:
-    """Return the contact of the soles at the end of the last step.
+class ShoeTable(NamedTuple):
+    """Shoes of both tracks at the end of the last step, for `sole_contact`.
+
+    Attributes:
+        poses, loads: `shoe_poses` and `shoe_loads` of `Tracks`.
+        half_axle_distance: half the distance between the axles [m].
+        axle_height: height of the axles above the sole [m].
+        half_thickness, width: half the thickness and the width of a shoe [m].
+    """
+
+    poses: Array
+    loads: Array
+    half_axle_distance: float
+    axle_height: float
+    half_thickness: float
+    width: float
+
+    @classmethod
+    def of(cls, tracks: Tracks) -> ShoeTable:
+        """Return the table of some tracks; it shares their arrays."""
+        spec = tracks.spec.tracks
+        return cls(
+            tracks.shoe_poses,
+            tracks.shoe_loads,
+            0.5 * spec.axle_distance,
+            float(spec.axle_height),
+            0.5 * spec.shoe_thickness,
+            float(spec.shoe_width),
+        )
+
+
+@kernel
+def sole_contact(shoes):  # type: ignore[no-untyped-def]
+    """Return the `SoleContact` of a `ShoeTable`.
 
     The pressure is linear along a track and has the load and the moment of the shoes; at an end
     that would be lifted it is 0, and at the other end that of a triangle (Wong, Theory of Ground
     Vehicles, section 2.3).
     """
-    spec = tracks.spec.tracks
-    heights, front_pressures, rear_pressures = _contact_of_soles(
-        tracks.shoe_poses,
-        tracks.shoe_loads,
-        0.5 * spec.axle_distance,
-        float(spec.axle_height),
-        0.5 * spec.shoe_thickness,
-        float(spec.shoe_width),
+    left_height, left_front, left_rear = _contact_of_side(shoes, 0)
+    right_height, right_front, right_rear = _contact_of_side(shoes, 1)
+    return SoleContact(
+        (left_height, right_height), (left_front, right_front), (left_rear, right_rear)
     )
-    return SoleContact(heights, front_pressures, rear_pressures)
-
-
-@fixed_signature_kernel
-def _contact_of_soles(poses, loads, half_axle_distance, axle_height, half_thickness, width):  # type: ignore[no-untyped-def]
-    """Return the heights, front and rear pressures of `SoleContact`."""
-    left_height, left_front, left_rear = _contact_of_side(
-        poses[0], loads[0], half_axle_distance, axle_height, half_thickness, width
-    )
-    right_height, right_front, right_rear = _contact_of_side(
-        poses[1], loads[1], half_axle_distance, axle_height, half_thickness, width
-    )
-    return (left_height, right_height), (left_front, right_front), (left_rear, right_rear)
 
 
 @helper
-def _contact_of_side(poses, loads, half_axle_distance, axle_height, half_thickness, width):  # type: ignore[no-untyped-def]
+def _contact_of_side(shoes, side):  # type: ignore[no-untyped-def]
     """Return height of the soles [m], pressure at the front and at the rear [Pa] of one side."""
+    poses, loads = shoes.poses[side], shoes.loads[side]
+    half_axle_distance, width = shoes.half_axle_distance, shoes.width
     between = height = load = moment = 0.0
     for k in range(len(poses)):
-        if poses[k, SHOE_Z] > axle_height:
+        if poses[k, SHOE_Z] > shoes.axle_height:
             continue
         x = poses[k, SHOE_X]
         if abs(x) < half_axle_distance:
             between += loads[k]
-            height += (poses[k, SHOE_Z] - half_thickness) * loads[k]
+            height += (poses[k, SHOE_Z] - shoes.half_thickness) * loads[k]
         load += loads[k]
         moment += loads[k] * min(max(x, -half_axle_distance), half_axle_distance)
     height /= max(between, 1.0)

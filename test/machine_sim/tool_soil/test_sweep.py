@@ -1,10 +1,15 @@
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from support.machine_scenes import excavator
 
 from machine_sim.dem import Pose
 from machine_sim.machine.arm_kinematics import tool_pose
-from machine_sim.machine.tracks.track_model import SoleContact
+from machine_sim.machine.tracks.track_model import ShoeTable, Tracks, sole_contact
+from machine_sim.machine.tracks.track_state import SHOE_X, SHOE_Z
 from machine_sim.tool_soil.sweep import PlateSweep, TrackSweep
 from msg_bridge.contract.rows import Rows, SweepAction
 
@@ -55,10 +60,24 @@ def test_bucket_at_rest_cuts() -> None:
     assert (rows_of(DIGGING, DIGGING)["action"] == SweepAction.CUT).all()
 
 
+def tracks_on_end_shoes(loads: ArrayLike, z: tuple[float, float] = (0.0, 0.0)) -> Tracks:
+    """Return tracks with a loaded shoe at each end, at heights of the left and right track.
+
+    Args:
+        loads: of the front and the rear shoe of each track [N], shape (2, 2).
+        z: of the shoes of each track [m].
+    """
+    poses = np.zeros((2, 2, 3))
+    poses[:, :, SHOE_X] = 0.45 * MACHINE.tracks.axle_distance * np.array([1.0, -1.0])
+    poses[:, :, SHOE_Z] = np.array(z)[:, None]
+    shoes = SimpleNamespace(spec=MACHINE, shoe_poses=poses, shoe_loads=np.array(loads))
+    return cast(Tracks, shoes)
+
+
 def test_driving_tracks_compact_below_their_shoes() -> None:
     start, end = (np.eye(3), np.zeros(3)), (np.eye(3), np.array([0.02, 0.0, 0.0]))
     tracks = MACHINE.tracks
-    rows = TrackSweep(tracks, 1).rows(start, end)
+    rows = TrackSweep(tracks_on_end_shoes(np.zeros((2, 2))), 1).rows(start, end)
     assert rows["tool"].tolist() == [1] * 4 + [2] * 4
     assert rows["pair"].tolist() == [0, 0, 1, 1] * 2
     assert (rows["action"] == SweepAction.COMPACT).all()
@@ -73,17 +92,21 @@ def test_driving_tracks_compact_below_their_shoes() -> None:
 
 def test_rows_of_tracks_have_the_pressure_of_their_ends() -> None:
     start, end = (np.eye(3), np.zeros(3)), (np.eye(3), np.array([0.02, 0.0, 0.0]))
-    contact = SoleContact((-0.1, -0.2), (60e3, 50e3), (20e3, 10e3))
-    rows = TrackSweep(MACHINE.tracks, 1).rows(start, end, contact)
+    tracks = tracks_on_end_shoes([[60e3, 50e3], [40e3, 50e3]], z=(-0.1, -0.2))
+    contact = sole_contact(ShoeTable.of(tracks))
+    rows = TrackSweep(tracks, 1).rows(start, end)
     front, left = rows["x0"] > 0.0, rows["y0"] > 0.0
-    for is_front, is_left, pressure in (
-        (True, True, 60e3), (True, False, 50e3), (False, True, 20e3), (False, False, 10e3)
-    ):  # fmt: skip
-        of_end = rows[(front == is_front) & (left == is_left)]
-        assert of_end["pressure"].tolist() == [pressure] * 2
-        assert of_end["z1"] == pytest.approx([-0.1 if is_left else -0.2] * 2)
+    for is_front, pressures in (
+        (True, contact.front_pressures),
+        (False, contact.rear_pressures),
+    ):
+        for is_left, pressure, z in zip((True, False), pressures, contact.heights, strict=True):
+            of_end = rows[(front == is_front) & (left == is_left)]
+            assert of_end["pressure"] == pytest.approx([pressure] * 2)
+            assert of_end["z1"] == pytest.approx([z] * 2)
+    assert len({*rows["pressure"].tolist()}) == 4
 
 
 def test_standing_tracks_do_not_compact() -> None:
     pose = (np.eye(3), np.array([3.0, 1.0, 0.2]))
-    assert TrackSweep(MACHINE.tracks, 1).rows(pose, pose).size == 0
+    assert TrackSweep(tracks_on_end_shoes(np.zeros((2, 2))), 1).rows(pose, pose).size == 0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.machine_scenes import excavator
 
-from machine_sim.machine.tracks.track_model import SoleContact, sole_contact
+from machine_sim.machine.tracks.track_model import ShoeTable, SoleContact, sole_contact
 from machine_sim.machine.tracks.track_state import SHOE_X, SHOE_Z
 
 SPEC = excavator()
@@ -23,7 +23,8 @@ def contact_with(left: np.ndarray, right: np.ndarray, z: float = 0.0) -> SoleCon
     poses = np.zeros((2, NUM_SHOES, 3))
     poses[:, :, SHOE_X], poses[:, :, SHOE_Z] = X, z
     tracks = SimpleNamespace(spec=SPEC, shoe_poses=poses, shoe_loads=np.stack([left, right]))
-    return sole_contact(tracks)  # type: ignore[arg-type]
+    found: SoleContact = sole_contact(ShoeTable.of(tracks))  # type: ignore[arg-type]
+    return found
 
 
 def test_pressure_has_the_load_and_the_moment_of_the_shoes() -> None:
