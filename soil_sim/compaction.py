@@ -27,7 +27,7 @@ from soil_sim.columns.state import Columns
 from soil_sim.soils.soil_types import SoilType
 from soil_sim.tool_sweeps import MachineSweeps, interpolate_key_point, pressed_pairs
 
-__all__ = ["SINKAGE_DTYPE", "CompactedColumns", "compact", "sinkage_table"]
+__all__ = ["SINKAGE_DTYPE", "CompactedColumns", "compact", "sinkage_table", "sort_distinct"]
 
 SINKAGE_DTYPE = np.dtype(
     [
@@ -170,7 +170,7 @@ def _columns_under(under, first_under, pressure, tool, tools):  # type: ignore[n
         if under[k] >= 0:
             cells[num_yielded] = under[k]
             num_yielded += 1
-    num_yielded = _sort_distinct(cells, 0, num_yielded)
+    num_yielded = sort_distinct(cells, 0, num_yielded)
     num_tools, first, end = 0, 0, num_yielded
     while first < num_pairs:
         after, is_pressing = first, False
@@ -182,7 +182,7 @@ def _columns_under(under, first_under, pressure, tool, tools):  # type: ignore[n
             for k in range(first_under[first], first_under[after]):
                 cells[end] = ~under[k] if under[k] < 0 else under[k]
                 end += 1
-            end = _sort_distinct(cells, begin, end)
+            end = sort_distinct(cells, begin, end)
             tools[num_tools, 0], tools[num_tools, 1] = tool[first], end
             num_tools += 1
         first = after
@@ -190,7 +190,7 @@ def _columns_under(under, first_under, pressure, tool, tools):  # type: ignore[n
 
 
 @helper(allocates=True)
-def _sort_distinct(cells, begin, end):  # type: ignore[no-untyped-def]
+def sort_distinct(cells, begin, end):  # type: ignore[no-untyped-def]
     """Sort the indices `begin` to `end`, and keep each once; return the index after the last."""
     if end - begin < 2:
         return end

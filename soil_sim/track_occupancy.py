@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from msg_bridge.kernels import fixed_signature_kernel
 from soil_sim.columns.occupancy import FREE, TRACK_ABOVE
+from soil_sim.compaction import sort_distinct
 
 __all__ = ["TrackOccupancy"]
 
@@ -52,12 +53,9 @@ class TrackOccupancy:
         for machine_id, tools in pressed.items():
             for tool, cells in tools.items():
                 self._cells[machine_id, tool] = cells
-        freed: NDArray[np.int64] = _move_marks(
-            self._occupied,
-            np.concatenate(before),
-            np.concatenate([_NO_CELLS, *self._cells.values()]),
-        )
-        return freed
+        freed = np.concatenate(before)
+        now = np.concatenate([_NO_CELLS, *self._cells.values()])
+        return freed[: _move_marks(self._occupied, freed, now)]
 
 
 @fixed_signature_kernel
@@ -66,10 +64,12 @@ def _move_marks(occupied, before, now):  # type: ignore[no-untyped-def]
 
     Args:
         occupied: marks of `columns.occupancy`, shape (columns,); changed.
-        before, now: flat indices of the columns.
+        before: flat indices of the columns that they were on; those that were freed are moved to
+            its front, sorted, each once.
+        now: flat indices of the columns that they are on.
 
     Returns:
-        Flat indices of the columns that were freed, sorted.
+        The number of columns that were freed.
     """
     for k in before:
         if occupied[k] == TRACK_ABOVE:
@@ -77,10 +77,9 @@ def _move_marks(occupied, before, now):  # type: ignore[no-untyped-def]
     for k in now:
         if occupied[k] == FREE:
             occupied[k] = TRACK_ABOVE
-    freed = np.empty(before.size, dtype=np.int64)
     count = 0
     for k in before:
         if occupied[k] == FREE:
-            freed[count] = k
+            before[count] = k
             count += 1
-    return np.unique(freed[:count])
+    return sort_distinct(before, 0, count)

@@ -86,12 +86,13 @@ class ToolForces:
             sweeps: validated sweeps of all tools.
         """
         rows, points, first = sweeps
-        forces: Rows
         wrenches = np.zeros((2, first.size, WRENCH_SIZE))
-        forces, has_drums = _blade_forces(rows, points, first, self._ground, wrenches)
+        forces = empty_rows(FORCE, 2 * first.size)
+        tools = rows, points, first, self._ground, wrenches, forces
+        count, has_drums = _blade_forces(*tools)
         if has_drums:  # in a separate kernel, to save compile time: few machines have a drum
-            forces = _stationary_drum_forces(rows, points, first, self._ground, wrenches)
-        return forces
+            count = _stationary_drum_forces(*tools)
+        return forces[:count]
 
 
 def zero_tool_forces(sweeps: ValidSweeps) -> Rows:
@@ -150,10 +151,14 @@ def set_milling_forces(forces: Rows, millings: Sequence[Milling]) -> Rows:
 
 
 @fixed_signature_kernel
-def _blade_forces(rows, points, first, ground, wrenches):  # type: ignore[no-untyped-def]
-    """Return the FORCE rows without those of drums, and the result of `_add_blade_wrenches`."""
+def _blade_forces(rows, points, first, ground, wrenches, forces):  # type: ignore[no-untyped-def]
+    """Fill the FORCE rows of all tools but drums.
+
+    Returns:
+        Number of rows, and the result of `_add_blade_wrenches`.
+    """
     has_drums = _add_blade_wrenches(rows, points, first, ground, wrenches)
-    return _force_rows(rows, first, wrenches), has_drums
+    return _fill_force_rows(rows, first, wrenches, forces), has_drums
 
 
 @helper(allocates=True)
@@ -193,11 +198,11 @@ def _add_blade_wrenches(rows, points, first, ground, wrenches):  # type: ignore[
 
 
 @kernel
-def _stationary_drum_forces(rows, points, first, ground, wrenches):  # type: ignore[no-untyped-def]
+def _stationary_drum_forces(rows, points, first, ground, wrenches, forces):  # type: ignore[no-untyped-def]
     """Write the wrenches of drums that are not driven into the wrenches of the other tools.
 
     Returns:
-        FORCE rows of all tools.
+        Number of FORCE rows of all tools.
     """
     columns, grid_layout, strength = ground.table
     sums = np.empty(NUM_SUMS)
@@ -209,29 +214,33 @@ def _stationary_drum_forces(rows, points, first, ground, wrenches):  # type: ign
             sums[:] = 0.0
             add_stationary_drum_force(own, origin, columns, grid_layout, strength, sums)
             reduce_wrench(sums, origin, wrenches[1, n])
-    return _force_rows(rows, first, wrenches)
+    return _fill_force_rows(rows, first, wrenches, forces)
 
 
-@helper(allocates=True)
-def _force_rows(rows, first, wrenches):  # type: ignore[no-untyped-def]
-    """Return FORCE rows: cutting or milling of each tool, then bearing where it is not zero."""
-    tools = first.size
-    has_bearing = np.zeros(tools, dtype=np.bool_)
-    for n in range(tools):
-        for axis in range(WRENCH_FORCE, WRENCH_FORCE + 3):
-            has_bearing[n] |= wrenches[1, n, axis] != 0.0
-    forces = np.zeros(tools + has_bearing.sum(), FORCE)
-    for n in range(tools):
-        _write_force_row(forces[n], rows[first[n]], wrenches[0, n])
-        if rows[first[n]].action == _MILL:
+@helper
+def _fill_force_rows(rows, first, wrenches, forces):  # type: ignore[no-untyped-def]
+    """Fill FORCE rows: cutting or milling of each tool, then bearing where it is not zero.
+
+    Args:
+        rows, first: as of `ValidSweeps`.
+        wrenches: as of `_add_blade_wrenches`.
+        forces: out, rows of zeros, two for each tool.
+
+    Returns:
+        The number of rows.
+    """
+    count = first.size
+    for n in range(first.size):
+        row, bearing = rows[first[n]], wrenches[1, n]
+        _write_force_row(forces[n], row, wrenches[0, n])
+        if row.action == _MILL:
             forces[n].reaction = _REACTION_MILL
-    k = tools
-    for n in range(tools):
-        if has_bearing[n]:
-            _write_force_row(forces[k], rows[first[n]], wrenches[1, n])
-            forces[k].reaction = _REACTION_BEARING
-            k += 1
-    return forces
+        x, y, z = bearing[WRENCH_FORCE], bearing[WRENCH_FORCE + 1], bearing[WRENCH_FORCE + 2]
+        if x != 0.0 or y != 0.0 or z != 0.0:
+            _write_force_row(forces[count], row, bearing)
+            forces[count].reaction = _REACTION_BEARING
+            count += 1
+    return count
 
 
 @helper
