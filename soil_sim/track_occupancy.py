@@ -31,6 +31,7 @@ class TrackOccupancy:
         self._occupied = occupied.reshape(-1)
         # Flat indices by machine id and tool id.
         self._cells: dict[tuple[int, int], NDArray[np.int64]] = {}
+        self._marked = _NO_CELLS  # all of these
 
     def end_tick(self, pressed: Mapping[int, Mapping[int, NDArray[np.int64]]]) -> NDArray[np.int64]:
         """Mark the columns under tracks, and free those that tracks have left.
@@ -47,15 +48,14 @@ class TrackOccupancy:
         """
         if not any(pressed.values()) and all(key[0] in pressed for key in self._cells):
             return _NO_CELLS  # all tracks are at rest
-        before = [_NO_CELLS, *self._cells.values()]
         for key in [key for key in self._cells if key[0] not in pressed]:
             del self._cells[key]
         for machine_id, tools in pressed.items():
             for tool, cells in tools.items():
                 self._cells[machine_id, tool] = cells
-        freed = np.concatenate(before)
-        now = np.concatenate([_NO_CELLS, *self._cells.values()])
-        return freed[: _move_marks(self._occupied, freed, now)]
+        freed = self._marked
+        self._marked = np.concatenate([_NO_CELLS, *self._cells.values()])
+        return freed[: _move_marks(self._occupied, freed, self._marked)]
 
 
 @fixed_signature_kernel

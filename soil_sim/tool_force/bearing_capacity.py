@@ -176,6 +176,11 @@ def _add_edge_bearing(points, origin, columns, grid_layout, strength, sums):  # 
 @helper(inline="always")
 def _add_rock_bearing(points, origin, columns, grid_layout, strength, sums):  # type: ignore[no-untyped-def]
     """Add the maximum bearing force of rock on the edges and the middle lines of the plates."""
+    has_rock = False
+    for kind in range(len(strength)):
+        has_rock |= strength[kind].tensile_strength > 0.0
+    if not has_rock:
+        return
     num_lines = len(points) - 1
     depths = np.zeros((num_lines, _NUM_STRIPS))
     deepest = 0.0
