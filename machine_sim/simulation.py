@@ -45,6 +45,7 @@ from msg_bridge.contract.constants import GRAVITY
 from msg_bridge.contract.grid import Grid
 from msg_bridge.contract.loose_soil import LooseSoil
 from msg_bridge.contract.messages import Keyframe
+from msg_bridge.contract.quick_init import quick_init
 from msg_bridge.contract.rows import (
     MAP_UPDATE,
     SWEEP,
@@ -59,6 +60,7 @@ __all__ = ["MachineSim", "MachineTickOutput"]
 _EXCAVATE, _REJECT = int(ConversionKind.EXCAVATE), int(ConversionKind.REJECT)
 
 
+@quick_init
 @dataclass(frozen=True)
 class MachineTickOutput:
     """Output of one tick to the soil; rows are not numbered yet.

@@ -46,7 +46,7 @@ class RowRange:
             return NotImplemented
         return self.first == other.first and self.count == other.count
 
-    @property
+    @cached_property  # read many times in a tick
     def last(self) -> int:
         """Sequence number of the last row; first - 1 if the range is empty."""
         return self.first + self.count - 1
@@ -67,7 +67,7 @@ class SentRange(RowRange):
         """Return the range of one or more rows with their memory."""
         span = SentRange.__new__(SentRange)
         values = vars(span)
-        values["first"], values["count"] = first, count
+        values["first"], values["count"], values["last"] = first, count, first + count - 1
         if len(memory) <= _MAX_KEPT_BYTES:
             values["memory"] = memory
         else:
