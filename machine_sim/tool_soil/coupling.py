@@ -17,7 +17,7 @@ from machine_sim.tool_soil.pending_soil import PendingSoil
 from machine_sim.tool_soil.room import ReportedRoom
 from machine_sim.tool_soil.tools import ToolMotion, make_interaction
 from msg_bridge.contract.constants import GRAVITY
-from msg_bridge.contract.rows import MAX_MILLING_WORK, Rows
+from msg_bridge.contract.rows import FORCE, MAX_MILLING_WORK, Rows
 from msg_bridge.kernels import kernel
 
 __all__ = ["ToolSoilCoupling"]
@@ -151,16 +151,10 @@ class ToolSoilCoupling:
         self._reported_room.receive_answer(ticks_ago)
         if forces.size == 0:
             return
-        first, count, are_together = _find_rows_of_tool(forces, self.tool_id)
-        if count == 0:
-            return
-        if count == forces.size:
-            rows = forces
-        elif are_together:  # as the soil sends them
-            rows = forces[first : first + count]
-        else:
-            rows = forces[forces["tool"] == self.tool_id]
-        self.resistance.receive(rows, self.frame_at(ticks_ago))
+        own = np.empty(forces.size, FORCE)
+        count = _copy_rows_of_tool(forces, self.tool_id, own)
+        if count:
+            self.resistance.receive(own[:count], self.frame_at(ticks_ago))
 
     def begin_tick(self, tick: int) -> None:
         """Begin the tick of a number: release pending soil as particles."""
@@ -237,14 +231,15 @@ def _nearest_distances(points, key_points):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def _find_rows_of_tool(forces, tool_id):  # type: ignore[no-untyped-def]
-    """Find the FORCE rows of a tool.
+def _copy_rows_of_tool(forces, tool_id, own):  # type: ignore[no-untyped-def]
+    """Copy the FORCE rows of a tool to the front of `own`, and return their number.
 
-    Returns:
-        Index of the first of them, their number, and whether they are in succession.
+    The soil sends the forces of all tools that cut before those of all that it bears. NumPy takes
+    ten times as long to select rows.
     """
-    first, last, count = -1, -1, 0
+    count = 0
     for n in range(forces.size):
         if forces[n].tool == tool_id:
-            first, last, count = n if first < 0 else first, n, count + 1
-    return first, count, last - first + 1 == count
+            own[count] = forces[n]
+            count += 1
+    return count
