@@ -35,6 +35,9 @@ Array = NDArray[np.float64]
 _RADIUS_OFFSETS = (0.0, 0.02, -0.02, 0.05, -0.05, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3)
 """Reductions of the radius tried in this order for a pin that is out of reach [m]."""
 
+_LIMIT_TOLERANCE = 0.02
+"""Distance from its limit at which a joint counts as at it [rad]."""
+
 
 class BucketPose(NamedTuple):
     """Pose of a bucket: position of its pin and attitude.
@@ -73,6 +76,7 @@ class BucketKinematics:
             (x * math.sin(self.level_attitude) - z * math.cos(self.level_attitude)).max()
         )
         (x0, z0), (x1, z1) = bucket.profile[:2]
+        self._open_angle = machine.joints["bucket"].lower + _LIMIT_TOLERANCE
         self._floor_angle = math.atan2(z0 - z1, x0 - x1)
 
     def warm_up(self) -> None:
@@ -134,6 +138,10 @@ class BucketKinematics:
         if not is_reached:
             solve_bucket_pin_angles(self._machine, *pin)  # raises the error
         return angles
+
+    def is_bucket_open(self, observation: Observation) -> bool:
+        """Return whether the bucket is open as far as its joint allows."""
+        return float(observation.joints[3]) <= self._open_angle
 
     def nose_up_angle(self, observation: Observation) -> float:
         """Return the pitch of the upper body [rad]; positive is nose up, negative nose down."""

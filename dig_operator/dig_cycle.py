@@ -117,7 +117,7 @@ class DigCycle:
         self._target_fill = self.params.target_fill
         self._dig_base_rotation = np.eye(3)  # at the start of the last drag
         self._cycle_start_time: float | None = None
-        self._dump_time = 0.0  # since the bucket is open [s]
+        self._dump_time = self._spill_time = 0.0  # since the bucket is open [s]
         self._num_passes = 0
         self._planned_volume = 0.0
         self._carried_fill = 0.0
@@ -141,6 +141,7 @@ class DigCycle:
         targets = _STANDSTILL
         if is_tipping:
             targets = _SPILL_VELOCITIES
+            self._accept_tilt(observation, dt)
         elif self._motion is not None:
             motion = self._motion.advance(observation, self._planner.kinematics, dt)
             targets = tuple(motion.tolist())
@@ -185,6 +186,16 @@ class DigCycle:
         nose_up_angle = self._planner.kinematics.nose_up_angle
         as_when_digging = observation.with_base(observation.base_position, self._dig_base_rotation)
         return nose_up_angle(observation) < nose_up_angle(as_when_digging) - self.params.max_pitch
+
+    def _accept_tilt(self, observation: Observation, dt: float) -> None:
+        """Compare with the present tilt once an open bucket spills no more.
+
+        What is left of the load sticks, and the machine tilts because the ground yields.
+        """
+        is_open = self._planner.kinematics.is_bucket_open(observation)
+        self._spill_time = self._spill_time + dt if is_open else 0.0
+        if self._spill_time >= self.params.dump_timeout:
+            self._dig_base_rotation, self._spill_time = observation.base_rotation, 0.0
 
     def _update_wait(self, observation: Observation) -> None:
         """Stop before a target that is not ready, and continue once it is."""

@@ -283,6 +283,16 @@ def test_tilting_machine_with_an_empty_bucket_continues():
     assert pitched_forward(dig, fill=0.0)[1] < -0.05, "the boom lifts"
 
 
+def test_tilting_machine_continues_with_soil_that_sticks_to_its_open_bucket():
+    dig = kinematic_dig().run_until("lift")
+    joints = dig.steps[-1].observed.joints.copy()
+    joints[3] = MACHINE.joints["bucket"].lower
+    dig.steps[-1] = dig.steps[-1]._replace(observed=replace(dig.steps[-1].observed, joints=joints))
+    timeout_ticks = round(BehaviourParams().dump_timeout / DT)
+    assert pitched_forward(dig, fill=0.05, ticks=timeout_ticks)[3] < -0.2, "it spills"
+    assert pitched_forward(dig, fill=0.05, ticks=100)[1] < -0.05, "the boom lifts"
+
+
 def test_floor_of_the_bucket_keeps_its_relief_angle():
     steps = kinematic_dig().run().during("dig")
     (x, z) = MACHINE.bucket.profile[1]
