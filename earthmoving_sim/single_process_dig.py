@@ -203,11 +203,21 @@ class SingleProcessDig:
             f"  in transit {(ledger.pending + ledger.particles) / 1e9:5.2f} m3"
             f"  imbalance {ledger.imbalance} mm3"
             f"  {simulated_time:5.1f} s  {simulated_time / max(wall_time, 1e-9):4.1f} x real time"
+            f"{self._describe_waits()}"
         )
         if sys.stdout.isatty():
             print("\r" + line.ljust(_LINE_WIDTH), end="", flush=True)
         else:
             print(line, flush=True)
+
+    def _describe_waits(self) -> str:
+        """Return what the operators wait for; empty if neither waits."""
+        tasks = {"excavator": self.task, "truck": self.haul_task}
+        return "".join(
+            f"  {name} waits for {task.wait_reason}"
+            for name, task in tasks.items()
+            if task is not None and task.wait_reason
+        )
 
     def _outcome(self, wall_time: float) -> DigOutcome:
         columns = self.world.soil.columns

@@ -17,6 +17,7 @@ from earthmoving_sim.multi_process.node_process import (
     describe_logs,
     waiting_reasons,
 )
+from msg_bridge.nodes.wait_log import NOTHING
 
 __all__ = ["RunMonitor", "startup_line"]
 
@@ -202,6 +203,18 @@ class RunMonitor:
             f"  {self._value('soil_sim', 'tick') * self._tick_period:5.1f} s"
             f"  {self._value('soil_sim', 'real_time_factor'):4.1f} x real time"
             f"  bag {self._value('exchange_recorder', 'bytes_on_disk') / 1e6:5.0f} MB"
+            f"{self._describe_operator_waits()}"
+        )
+
+    def _describe_operator_waits(self) -> str:
+        """Return what the operators wait for; empty if neither waits."""
+        operators = {"excavator": "dig_operator", "truck": _HAUL_OPERATOR}
+        waits = {
+            name: self._values.get(node, {}).get("waiting_for", NOTHING)
+            for name, node in operators.items()
+        }
+        return "".join(
+            f"  {name} waits for {what}" for name, what in waits.items() if what != NOTHING
         )
 
     def _write_line(self, line: str) -> None:

@@ -17,7 +17,7 @@ from rclpy.node import Node
 
 from msg_bridge.nodes.diagnostics import Diagnostics
 
-__all__ = ["LOG_PERIOD", "REPORT_TIME", "Wait", "WaitLog"]
+__all__ = ["LOG_PERIOD", "NOTHING", "REPORT_TIME", "Wait", "WaitLog"]
 
 REPORT_TIME = 1.0
 """Wall time after which a wait is reported [s]."""
@@ -31,8 +31,10 @@ REPEAT_PERIOD = 5.0
 CHECK_PERIOD = 0.25
 """Wall time between two checks [s]."""
 
+NOTHING = "nothing"
+"""Value `waiting_for` of a node that does not wait."""
+
 _CONDITION = "waiting"
-_NOTHING = "nothing"
 
 
 class Wait(NamedTuple):
@@ -88,7 +90,7 @@ class WaitLog:
         self._present: dict[str, _PresentWait] = {}
         self._last_logged: dict[str, float] = {}  # by what is awaited
         self._is_closed = False
-        diagnostics.set("waiting_for", _NOTHING)
+        diagnostics.set("waiting_for", NOTHING)
         diagnostics.add_task(self.update)
         # A timer of the node's own clock would stop with simulation time.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -98,7 +100,7 @@ class WaitLog:
         """Report nothing from now on: the node ends, which is not the end of what it waits for."""
         self._is_closed = True
         self._present.clear()
-        self._diagnostics.set("waiting_for", _NOTHING)
+        self._diagnostics.set("waiting_for", NOTHING)
         self._diagnostics.clear(_CONDITION)
 
     def update(self) -> None:
@@ -120,7 +122,7 @@ class WaitLog:
             for present in self._present.values()
             if now - present.since >= REPORT_TIME
         ]
-        self._diagnostics.set("waiting_for", " and ".join(reported) or _NOTHING)
+        self._diagnostics.set("waiting_for", " and ".join(reported) or NOTHING)
         if reported:
             self._diagnostics.problem(f"waiting for {' and '.join(reported)}", condition=_CONDITION)
         else:

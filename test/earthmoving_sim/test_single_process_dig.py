@@ -215,3 +215,11 @@ def test_run_is_aborted_after_its_timeout(short_runs):
         assert outcome.max_imbalance == 0
         assert outcome.cycles == []
         assert ABORTED["timeout"] <= outcome.simulated_time < ABORTED["timeout"] + 4.0
+
+
+def test_progress_names_what_an_operator_waits_for(monkeypatch, capsys):
+    run = SingleProcessDig(load_run_config("demo.yaml", {**ABORTED, "timeout": 1.0}))
+    monkeypatch.setattr(type(run.task), "wait_reason", "the truck")
+    run.run(progress=True)
+    run.close()
+    assert "x real time  excavator waits for the truck\n" in capsys.readouterr().out

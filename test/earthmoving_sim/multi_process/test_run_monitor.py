@@ -35,11 +35,15 @@ def test_soil_node_in_another_namespace_is_no_error(ros: Ros, monitor: RunMonito
     monitor.check_no_other_simulation()
 
 
-def test_line_of_progress_has_the_size_of_the_bag_on_disk(
+def test_line_of_progress_has_the_size_of_the_bag_and_what_an_operator_waits_for(
     ros: Ros, monitor: RunMonitor, capsys: pytest.CaptureFixture[str]
 ) -> None:
     values = {"bytes": "338000000", "bytes_on_disk": "87000000"}
-    statuses = {"soil_sim": {"tick": "100"}, "exchange_recorder": values}
+    statuses = {
+        "soil_sim": {"tick": "100"},
+        "exchange_recorder": values,
+        "dig_operator": {"waiting_for": "the truck"},
+    }
     message = DiagnosticArray(
         status=[
             DiagnosticStatus(
@@ -54,7 +58,7 @@ def test_line_of_progress_has_the_size_of_the_bag_on_disk(
     while not output:
         monitor.spin([])
         output = capsys.readouterr().out
-    assert output.endswith("bag    87 MB\n")
+    assert output.endswith("bag    87 MB  excavator waits for the truck\n")
 
 
 def test_duration_of_compilation_is_stated_only_while_a_node_compiles() -> None:
