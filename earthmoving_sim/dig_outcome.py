@@ -82,10 +82,21 @@ class DigOutcome:
     def production_rate(self) -> float:
         """Bank volume carried over the sum of the cycles' durations [m^3/h]; 0 without a cycle.
 
-        Approach, changes of station and the end of the run are not part of a cycle.
+        Approach, changes of station and the end of the run are not part of a cycle; waits for a
+        truck are.
         """
         duration = sum(cycle.duration for cycle in self.cycles)
         return self.moved_volume / duration * 3600.0 if duration > 0.0 else 0.0
+
+    @property
+    def loading_rate(self) -> float:
+        """Bank volume hauled over the time in which the truck was loaded [m^3/h]; 0 without one.
+
+        The excavator's wait for the truck is not part of it.
+        """
+        duration = sum(load.loading_time for load in self.loads)
+        hauled = sum(load.hauled_volume for load in self.loads)
+        return hauled / duration * 3600.0 if duration > 0.0 else 0.0
 
     @property
     def spilled_fraction(self) -> float:

@@ -37,7 +37,10 @@ def print_summary(outcome: DigOutcome, soil: str) -> None:
         f"  moved     {outcome.moved_volume:.2f} bank m3 in {outcome.simulated_time:.1f} s of"
         " simulated time"
     )
-    print(f"  rate      {outcome.production_rate:.0f} m3/h during the cycles")
+    rate = f"{outcome.production_rate:.0f} m3/h during the cycles"
+    if outcome.loads:
+        rate += f", with waits for the truck; {outcome.loading_rate:.0f} m3/h while it was loaded"
+    print(f"  rate      {rate}")
     if outcome.loads:
         print(f"  spilled   {100 * outcome.spilled_fraction:.1f} % of it beside the truck")
     print(f"  speed     {outcome.real_time_factor:.1f} x real time, {outcome.run_mode}")

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from dig_operator import LoadReport
 from earthmoving_sim import cli, report, single_process_dig
 from earthmoving_sim.dig_outcome import DigOutcome
 from earthmoving_sim.report import print_summary
@@ -145,6 +146,15 @@ def test_production_rate_is_the_volume_per_hour_of_the_cycles(one):
     cycles = [replace(one.outcome.cycles[0], duration=duration) for duration in (20.0, 40.0)]
     outcome = replace(one.outcome, cycles=cycles, moved_volume=2.0, simulated_time=90.0)
     assert outcome.production_rate == pytest.approx(120.0)
+
+
+def test_loading_rate_is_the_volume_per_hour_in_which_the_truck_was_loaded(one, capsys):
+    load = LoadReport(
+        number=1, fill=0.8, hauled_volume=4.0, loading_time=100.0, duration=400.0, moved_volume=4.0
+    )
+    outcome = replace(one.outcome, loads=[load, replace(load, loading_time=92.0)])
+    print_summary(outcome, "loam")
+    assert "; 150 m3/h while it was loaded\n" in capsys.readouterr().out
 
 
 def test_run_without_a_finished_cycle_has_no_production(short_runs):
