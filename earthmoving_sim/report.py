@@ -41,7 +41,7 @@ def print_summary(outcome: DigOutcome, soil: str) -> None:
     if outcome.loads:
         rate += f", with waits for the truck; {outcome.loading_rate:.0f} m3/h while it was loaded"
     print(f"  rate      {rate}")
-    if outcome.loads:
+    if outcome.loads and not outcome.abort_reason:  # the bed of an aborted run may hold soil
         print(f"  spilled   {100 * outcome.spilled_fraction:.1f} % of it beside the truck")
     print(f"  speed     {outcome.real_time_factor:.1f} x real time, {outcome.run_mode}")
     print(f"  particles {outcome.max_particles} at most, {outcome.tunnelled} tunnelled")

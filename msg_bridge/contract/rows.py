@@ -18,7 +18,6 @@ __all__ = [
     "DEPOSIT_REQUEST",
     "ENDED_SESSION",
     "FORCE",
-    "FORCE_VECTORS",
     "MAP_UPDATE",
     "MAX_MILLING_WORK",
     "MAX_PRESSURE",
@@ -202,9 +201,6 @@ its resistance even if it is zero; rows of bearing capacity are sent only where 
 The row of a drum has the point at which its picks engage soil, and the force that this soil can
 exert there, out of the face; `work` is the part of the reported work that removed soil. Soil that
 this work did not suffice to remove is in a second row, of bearing capacity."""
-
-FORCE_VECTORS = np.dtype([("values", "<f4", (9,)), ("rest", f"V{FORCE.itemsize - 36}")])
-"""Dtype for views of FORCE rows: `values` is x, y, z, fx, fy, fz, tx, ty, tz as one array field."""
 
 
 def join_rows(parts: Sequence[Rows], dtype: np.dtype[np.void]) -> Rows:

@@ -40,8 +40,6 @@ __all__ = ["SplitSoil"]
 _FROM_LOWER, _FROM_HIGHER = 65534, 65535
 """Ids that stand for a neighbour in its deposit requests: larger than those of machines."""
 
-_NO_BORDER_ROWS = BorderRows(empty_rows(MAP_UPDATE), empty_rows(DEPOSIT_REQUEST))
-
 
 class SplitColumns(NamedTuple):
     """Layers of `Columns` that the exchange and operators read.

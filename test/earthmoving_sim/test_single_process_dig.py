@@ -148,13 +148,17 @@ def test_production_rate_is_the_volume_per_hour_of_the_cycles(one):
     assert outcome.production_rate == pytest.approx(120.0)
 
 
-def test_loading_rate_is_the_volume_per_hour_in_which_the_truck_was_loaded(one, capsys):
+def test_summary_of_loads_has_the_rate_of_loading_and_what_was_spilled(one, capsys):
     load = LoadReport(
         number=1, fill=0.8, hauled_volume=4.0, loading_time=100.0, duration=400.0, moved_volume=4.0
     )
     outcome = replace(one.outcome, loads=[load, replace(load, loading_time=92.0)])
     print_summary(outcome, "loam")
-    assert "; 150 m3/h while it was loaded\n" in capsys.readouterr().out
+    summary = capsys.readouterr().out
+    assert "; 150 m3/h while it was loaded\n" in summary
+    assert "spilled" in summary
+    print_summary(replace(outcome, abort_reason="out of reach"), "loam")
+    assert "spilled" not in capsys.readouterr().out, "soil in the bed is not spilled"
 
 
 def test_run_without_a_finished_cycle_has_no_production(short_runs):
