@@ -77,16 +77,17 @@ class DigRecord:
     profile: Array
 
 
-def record_dig(cell: float = 0.1, seed: int = 0) -> DigRecord:
+def record_dig(cell: float = 0.1, seed: int = 0, speed: float = 1.0) -> DigRecord:
     """Return the dig of this project.
 
     Args:
         cell: size of the columns [m].
         seed: seed of the scatter of released particles.
+        speed: speed over that of the path, 0.57 m/s while the bucket cuts level.
     """
     spec = load_machine_spec(find_config("machines/excavator.yaml"))
     path: Array = np.array(
-        [_arm_angles(spec, t) for t in np.arange(0.0, _PATH[-1, 0] + _TICK, _TICK)]
+        [_arm_angles(spec, t) for t in np.arange(0.0, _PATH[-1, 0] + _TICK, speed * _TICK)]
     )
     spec = replace(spec, home=np.array([0.0, *path[0]]))
     grid = Grid(round(16.0 / cell) + 1, round(10.0 / cell) + 1, cell)

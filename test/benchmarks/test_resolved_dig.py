@@ -105,3 +105,14 @@ def test_bucket_in_liggghts_follows_the_path(tmp_path: Path) -> None:
     assert found.force[5:, 0].mean() > 200.0, "the bed resists against the travel"
     assert np.nanmax(found.profile) < 0.5
     assert "axis" not in (tmp_path / "in.txt").read_text(), "the bucket does not turn"
+
+
+def test_particles_add_the_inertia_of_the_soil_to_the_force() -> None:
+    speeds = np.array([0.5, 2.0])
+    forces = []
+    for speed in speeds:
+        dig = record_dig(speed=speed)
+        is_level = (dig.times > 2.2 / speed) & (dig.times < 3.6 / speed)
+        forces.append(dig.force[is_level, 0].mean())
+    slow, fast = (0.57 * speeds) ** 2 * dig.density * 0.3 * dig.bucket.width
+    assert fast - slow < forces[1] - forces[0] < 5.0 * (fast - slow)
