@@ -155,7 +155,7 @@ def drag_up_slope(
     return np.array(found)
 
 
-@pytest.mark.parametrize("cell", [0.4, 0.2, 0.1])
+@pytest.mark.parametrize("cell", [0.4, 0.2, 0.1, 0.05])
 @pytest.mark.parametrize(
     ("slope", "ratio"), [(-20, 0.60), (-10, 0.79), (0, 1.0), (10, 1.25), (20, 1.58), (30, 2.10)]
 )
