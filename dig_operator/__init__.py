@@ -28,7 +28,7 @@ A road header cuts a face:
 A dumper hauls:
 
 - `track_drive`: track speeds along lines and in turns on the spot, clear of other machines
-- `haul_task`: state machine that is loaded, hauls, tips and returns
+- `haul_task`: state machine that is loaded, hauls, tips and returns; `load_report`: its result
 
 - `node_params`, `node`: the operator as a ROS 2 node
 """
@@ -38,7 +38,8 @@ from dig_operator.dig_task import DigTask
 from dig_operator.face_cutting import FaceCuttingTask
 from dig_operator.face_params import FaceCuttingParams
 from dig_operator.haul_params import HaulTaskParams
-from dig_operator.haul_task import HaulTask, LoadReport
+from dig_operator.haul_task import HaulTask
+from dig_operator.load_report import LoadReport
 from dig_operator.observation import Command, Observation
 from dig_operator.params import BehaviourParams, DigTaskParams
 from dig_operator.phases import OperatorPhase

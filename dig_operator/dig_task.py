@@ -49,6 +49,9 @@ _PHASES_FROM_DUMP = (OperatorPhase.REACH, OperatorPhase.STOW)
 
 _FINAL_PHASES = (OperatorPhase.SETTLE, OperatorPhase.DONE)
 
+_MAX_SINKAGE, _MAX_TURN = 0.2, math.radians(10.0)
+"""Sinkage [m] and turn [rad] of the machine at a station that may be why it cannot reach."""
+
 
 class DigTask:
     """Operator of an excavator with a digging task.
@@ -73,6 +76,7 @@ class DigTask:
         self._machine, self._behaviour, self._params = machine, behaviour, params
         BucketKinematics(machine).warm_up()
         self._initial_observation: Observation | None = None
+        self._station_height = self._station_yaw = 0.0  # of the base when it began to dig there
         self._phase_start_time = 0.0  # of brace and settle
         self._last_motion_time = 0.0  # of soil, while settling
         self._waiting_time = 0.0  # for the truck [s]
@@ -120,6 +124,8 @@ class DigTask:
             else:
                 self._dig_cycle.resume()
             self.phase = OperatorPhase.REACH
+            self._station_height = float(observation.base_position[2])
+            self._station_yaw = observation.yaw
         # A truck may come late.
         self._waiting_time += dt if self.phase is OperatorPhase.WAIT else 0.0
         elapsed = self._elapsed(observation) - self._waiting_time
@@ -213,7 +219,7 @@ class DigTask:
             if is_reaching and self._has_next_station(observation):
                 dig_cycle.stow()
             else:
-                self._abort(str(error), observation)
+                self._abort(f"{error}{self._describe_yielding(observation)}", observation)
             return _standstill()
         self.phase = dig_cycle.phase
         self._stow_if_exhausted(dig_cycle, observation)
@@ -224,6 +230,17 @@ class DigTask:
             self._planned_cycle = 0
             self._enter_phase(OperatorPhase.RETREAT, observation)
         return command
+
+    def _describe_yielding(self, observation: Observation) -> str:
+        """Return how far the ground has yielded under the machine; empty if it has not by much."""
+        sinkage = self._station_height - float(observation.base_position[2])
+        turn = math.remainder(observation.yaw - self._station_yaw, 2.0 * math.pi)
+        if sinkage <= _MAX_SINKAGE and abs(turn) <= _MAX_TURN:
+            return ""
+        return (
+            f"; since it began to dig here the machine has sunk by {sinkage:.2f} m and turned by"
+            f" {abs(math.degrees(turn)):.0f} deg: the ground is too soft for it"
+        )
 
     def _has_next_station(self, observation: Observation) -> bool:
         return self._stations.exists(self.station + 1, observation.grid)

@@ -64,6 +64,10 @@ class HaulTaskParams(Parameters):
     tip_timeout: float = parameter(
         20.0, "maximum time to raise the bed and to empty it", unit="s", low=1.0, high=300.0
     )
+    obstacle_timeout: float = parameter(
+        600.0, "time that it stops before the same machine, after which the task is"
+        " aborted", unit="s", low=1.0, high=1e6,
+    )  # fmt: skip
     timeout: float = parameter(
         3600.0, "duration of the task, or time beyond `duration`, after which it is aborted",
         unit="s", low=1.0, high=1e6,

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +19,14 @@ from numpy.typing import NDArray
 from dig_operator.bed import EMPTY_FILL, bed_joint
 from dig_operator.haul_lines import distance_left, line_to, polyline
 from dig_operator.haul_params import HaulTaskParams
+from dig_operator.load_report import LoadReport
 from dig_operator.observation import Command, Observation
 from dig_operator.phases import OperatorPhase
 from dig_operator.tip_area import Place, TipArea
 from dig_operator.track_drive import Line, TrackDrive
 from machine_sim.machine import MachineSpec
 
-__all__ = ["HaulTask", "LoadReport"]
+__all__ = ["HaulTask"]
 
 Array = NDArray[np.float64]
 
@@ -56,27 +56,6 @@ _MAX_LATERAL_SHIFT = 0.5
 
 _RETURN_PHASES = (OperatorPhase.APPROACH, OperatorPhase.SPOT)
 """Phases in which the task may end without a load."""
-
-
-@dataclass(frozen=True)
-class LoadReport:
-    """Result of one load.
-
-    Attributes:
-        number: number of the load, from 1.
-        fill: fill of the bed when it left, as a fraction of the heaped capacity.
-        hauled_volume: bank volume in the bed when it left [m^3].
-        moved_volume: bank volume that it tipped [m^3].
-        loading_time: time at the place of loading [s].
-        duration: duration of the round [s].
-    """
-
-    number: int
-    fill: float
-    hauled_volume: float
-    moved_volume: float
-    loading_time: float
-    duration: float
 
 
 class HaulTask:
@@ -122,6 +101,7 @@ class HaulTask:
         self._loading_time = 0.0
         self._is_full = False  # since it is being loaded; the soil settles afterwards
         self._loaded_fill, self._loaded_time = 0.0, 0.0  # when soil fell into the bed last
+        self._obstacle, self._obstacle_since = "", 0.0  # the machine that it stops before
         self._fill, self._hauled_volume = 0.0, 0.0  # when it left
         self._advance: dict[OperatorPhase, Callable[[Observation, float], Command]] = {
             OperatorPhase.APPROACH: self._drive_ahead,
@@ -168,10 +148,19 @@ class HaulTask:
             and not self._is_loaded(observation)
         ):
             self.phase = OperatorPhase.DONE
-        self.wait_reason = ""
+        self.wait_reason, before, self._obstacle = "", self._obstacle, ""
         if self.done:
             return self._command(0.0, np.zeros(2))
-        return self._advance[self.phase](observation, dt)
+        command = self._advance[self.phase](observation, dt)
+        if not self._obstacle or self._obstacle != before:
+            self._obstacle_since = observation.time
+        elif observation.time - self._obstacle_since > self._params.obstacle_timeout:
+            self.abort(
+                f"{self._obstacle} has been in the way for {self._params.obstacle_timeout:g} s;"
+                " move it, or set haul.via and the places of loading and tipping so that the way"
+                " does not lead past it"
+            )
+        return command
 
     def _enter(self, phase: OperatorPhase, observation: Observation) -> None:
         """Begin a phase, and plan the lines to drive."""
@@ -298,9 +287,9 @@ class HaulTask:
         self._is_full |= observation.fill >= self._params.full_fill
         self._is_full |= is_idle and self._is_late(observation)
         if self._is_full:
-            name = self._drive.find_obstacle(observation, None)
-            if name:
-                self.wait_reason = f"{name}, whose bucket is above the bed"
+            self._obstacle = self._drive.find_obstacle(observation, None)
+            if self._obstacle:
+                self.wait_reason = f"{self._obstacle}, whose bucket is above the bed"
             else:
                 self._fill, self._hauled_volume = observation.fill, observation.bank_m3
                 assert self._loading_since is not None, "it is being loaded"
@@ -380,10 +369,10 @@ class HaulTask:
 
     def _must_stop(self, observation: Observation, line: Line | None) -> bool:
         """Return whether another machine is in the way; None: of a turn on the spot."""
-        name = self._drive.find_obstacle(observation, line)
-        if name:
-            self.wait_reason = f"{name}, which is in the way"
-        return bool(name)
+        self._obstacle = self._drive.find_obstacle(observation, line)
+        if self._obstacle:
+            self.wait_reason = f"{self._obstacle}, which is in the way"
+        return bool(self._obstacle)
 
     def _bed_velocity(self, observation: Observation, target: float) -> float:
         """Return the velocity of the bed's joint toward an angle [rad/s]; 0 once it is reached."""

@@ -11,7 +11,8 @@ by the depth of the rut that the soil reports. That surface rises and falls in t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +115,9 @@ class Ground:
             GroundError: it has a soil that this one lacks.
         """
         self._check_soil_ids(other.soil)
-        for layer, before in zip(self._layers, other._layers, strict=True):
+        layers: Iterable[tuple[NDArray[Any], NDArray[Any]]]
+        layers = zip(self._layers, other._layers, strict=True)
+        for layer, before in layers:
             layer[:] = before
         self._rising_cells = other._rising_cells.copy()
         self.changed[:] = self.has_changes = True

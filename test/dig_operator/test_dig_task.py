@@ -80,7 +80,7 @@ class KinematicDrive:
     def __init__(self, *, yaw: float = 0.0, start_time: float = 0.0, **params: float) -> None:
         self.task = DigTask(MACHINE, BehaviourParams(), DigTaskParams(**params))  # type: ignore[arg-type]
         self.yaw, self.distance, self.time = yaw, 0.0, start_time
-        self.moving_until = 0.0
+        self.moving_until = self.height = 0.0
         self.others: tuple[ObservedMachine, ...] = ()
         self.phases: list[OperatorPhase] = []
         self.track_speeds: list[float] = []
@@ -88,7 +88,9 @@ class KinematicDrive:
 
     def step(self) -> Command:
         x, y = self.distance * math.cos(self.yaw), self.distance * math.sin(self.yaw)
-        observed = observation(position=(x, y, 0.0), rotation=tilted(yaw=self.yaw), time=self.time)
+        observed = observation(
+            position=(x, y, self.height), rotation=tilted(yaw=self.yaw), time=self.time
+        )
         observed = replace(
             observed, is_soil_moving=self.time < self.moving_until, others=self.others
         )
@@ -201,6 +203,17 @@ def test_task_is_aborted_where_the_machine_cannot_reach(dig_cycles: list[FakeDig
     assert not drive.last.joints.any()
     drive.run_until(OperatorPhase.DONE)
     assert drive.phases[-2:] == ["settle", "done"]
+
+
+def test_abort_names_ground_that_yields(dig_cycles: list[FakeDigCycle]) -> None:
+    drive = KinematicDrive(cycles=1000)
+    drive.run_until(OperatorPhase.DIG)
+    drive.height, drive.yaw = -0.5, drive.yaw + 0.35
+    dig_cycles[0].failure_time = drive.time
+    drive.run_until(OperatorPhase.SETTLE)
+    reason = drive.task.abort_reason
+    assert reason.startswith("the lip is out of reach; ")
+    assert "sunk by 0.50 m and turned by 20 deg" in reason
 
 
 def truck_at(x: float, y: float, fill: float = 0.0) -> ObservedMachine:

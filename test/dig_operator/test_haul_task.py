@@ -145,6 +145,20 @@ def test_dumper_does_not_follow_below_a_bucket() -> None:
     assert "digger" in dumper.task.wait_reason
 
 
+def test_task_is_aborted_when_a_machine_stays_in_the_way() -> None:
+    dumper = KinematicDumper(obstacle_timeout=20.0).run_until("haul")
+    dumper.others = (digger_at(-6.0, dumper.y),)
+    for _ in range(1000):
+        dumper.step()
+    dumper.others = ()
+    dumper.step()
+    dumper.others = (digger_at(dumper.x - 6.0, dumper.y),)
+    start = dumper.time
+    dumper.run_until("done")
+    assert 20.0 < dumper.time - start < 27.0, "since it stopped for it, not since the first time"
+    assert "digger has been in the way for 20 s" in dumper.task.abort_reason
+
+
 def test_task_is_aborted_when_the_part_of_the_tip_area_on_the_map_is_full() -> None:
     dumper = KinematicDumper(loads=5, tip_columns=5, tip_spacing=10.0).run_until("done", 600.0)
     assert len(dumper.task.reports) == 2
