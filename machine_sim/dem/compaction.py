@@ -1,8 +1,8 @@
-"""Stream compaction: appending the marked ones of some values to a list, a vector at a time.
+"""Loops over values that the compiler does not vectorise, a vector at a time.
 
-A loop that appends value by value, with or without a branch, takes ten times as long: the compiler
-does not vectorise it. Processors with AVX-512 compress a vector in two instructions; for others the
-compiler expands it.
+Most are for stream compaction: appending the marked ones of some values to a list. A loop that
+appends value by value, with or without a branch, takes ten times as long. Processors with AVX-512
+compress a vector in two instructions; for others the compiler expands it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,13 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-__all__ = ["COMPACTION_SIZE", "append_marked", "append_pairs", "copy_vector"]
+__all__ = [
+    "COMPACTION_SIZE",
+    "append_marked",
+    "append_pairs",
+    "copy_vector",
+    "move_rows",
+]
 
 COMPACTION_SIZE = 16
 """Values that are read together. Arrays of values and marks have as many elements to spare."""
@@ -88,8 +94,33 @@ def copy_vector(typing, source, begin, target, at):  # type: ignore[no-untyped-d
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
         source, begin, target, at = _pointers(context, builder, signature, arguments)
         kind = ir.VectorType(source.type.pointee, COMPACTION_SIZE)
-        pointer = builder.bitcast(builder.gep(target, [at]), kind.as_pointer())
-        builder.store(_load(builder, source, begin, kind), pointer, align=1)
+        _store(builder, _load(builder, source, begin, kind), target, at)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def move_rows(typing, array, source, target, count):  # type: ignore[no-untyped-def]
+    """Copy rows of a contiguous array to other rows of it, with which they may overlap.
+
+    Args:
+        typing: typing context of Numba.
+        array: array of any type and number of axes.
+        source, target: first row that is copied, and the one it is copied to, int64.
+        count: number of rows, int64.
+    """
+    signature = types.void(array, source, target, count)
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        array = context.make_array(signature.args[0])(context, builder, arguments[0])
+        row_size = builder.extract_value(array.strides, 0)
+        start = builder.bitcast(array.data, cgutils.voidptr_t)
+        source, target = (
+            builder.gep(start, [builder.mul(row, row_size)]) for row in arguments[1:3]
+        )
+        size = builder.mul(arguments[3], row_size)
+        cgutils.raw_memmove(builder, target, source, size, 1)
         return context.get_dummy_value()
 
     return signature, generate
@@ -108,6 +139,11 @@ def _pointers(context: Any, builder: Any, signature: Any, arguments: Any) -> lis
 def _load(builder: Any, data: Any, begin: Any, kind: Any) -> Any:
     pointer = builder.bitcast(builder.gep(data, [begin]), kind.as_pointer())
     return builder.load(pointer, align=1)
+
+
+def _store(builder: Any, vector: Any, data: Any, begin: Any) -> None:
+    pointer = builder.bitcast(builder.gep(data, [begin]), vector.type.as_pointer())
+    builder.store(vector, pointer, align=1)
 
 
 def _load_mask(builder: Any, mark: Any, begin: Any) -> tuple[Any, Any]:
@@ -132,10 +168,15 @@ def _broadcast(builder: Any, value: Any) -> Any:
     return builder.shuffle_vector(first, undefined, ir.Constant(_ROWS, [0] * COMPACTION_SIZE))
 
 
+def _first(builder: Any, number: Any) -> Any:
+    """Return the mask of the first `number` elements."""
+    numbers = ir.Constant(_ROWS, list(range(COMPACTION_SIZE)))
+    return builder.icmp_unsigned("<", numbers, _broadcast(builder, builder.trunc(number, _INT)))
+
+
 def _store_first(builder: Any, row: Any, number: Any, out: Any, count: Any) -> None:
     """Store the first `number` elements of a vector to `out[count:]`."""
-    numbers = ir.Constant(_ROWS, list(range(COMPACTION_SIZE)))
-    mask = builder.icmp_unsigned("<", numbers, _broadcast(builder, builder.trunc(number, _INT)))
+    mask = _first(builder, number)
     pointer = builder.bitcast(builder.gep(out, [count]), _ROWS.as_pointer())
     kind = ir.FunctionType(ir.VoidType(), [_ROWS, pointer.type, _INT, _MASK])
     name = f"llvm.masked.store.v{COMPACTION_SIZE}i32.p0"

@@ -9,6 +9,7 @@ import numpy as np
 from numba import literal_unroll
 from numpy.typing import NDArray
 
+from machine_sim.dem.compaction import move_rows
 from msg_bridge.kernels import fixed_signature_kernel, helper
 
 __all__ = ["COLUMN_TYPES", "ParticleColumns", "allocate_columns", "remove_rows", "view_rows"]
@@ -151,21 +152,29 @@ def remove_rows(removed, count, boxed_columns, boxed_view, order, kept):  # type
 
 @helper(allocates=True)
 def _move_rows_down(kept, columns):  # type: ignore[no-untyped-def]
-    """Make row `kept[k]` row k of every column, in place; `kept` is ascending."""
-    c, first = columns, 0
-    while first < kept.size and kept[first] == first:
-        first += 1
-    for scalars in literal_unroll((
-        c.radius, c.contact_radius, c.mass, c.inverse_mass, c.volume_mm3, c.soil, c.moisture,
-        c.particle_id, c.friction, c.rolling_friction, c.cohesion, c.tool_friction,
-        c.tool_rolling_friction, c.adhesion, c.frozen, c.penetration_limited, c.settle_timer,
-        c.ground_overlap, c.sleep_state, c.sleep_timer, c.pair_list_row, c.plate_list_row,
+    """Make row `kept[k]` row k of every column, in place; `kept` is ascending.
+
+    Rows that were adjacent are moved together: few are removed at a time.
+    """
+    c, starts = columns, _starts_of_runs(kept)
+    for column in literal_unroll((
+        c.position, c.velocity, c.angular_velocity, c.radius, c.contact_radius, c.mass,
+        c.inverse_mass, c.volume_mm3, c.soil, c.moisture, c.particle_id, c.friction,
+        c.rolling_friction, c.cohesion, c.tool_friction, c.tool_rolling_friction, c.adhesion,
+        c.frozen, c.penetration_limited, c.settle_timer, c.ground_spring, c.ground_overlap,
+        c.sleep_state, c.wake_reference, c.sleep_timer, c.pair_list_row, c.plate_list_row,
     )):  # fmt: skip
-        for k in range(first, kept.size):
-            scalars[k] = scalars[kept[k]]
-    for vectors in literal_unroll((
-        c.position, c.velocity, c.angular_velocity, c.ground_spring, c.wake_reference,
-    )):  # fmt: skip
-        for k in range(first, kept.size):
-            for axis in range(3):
-                vectors[k, axis] = vectors[kept[k], axis]
+        for n in range(starts.size - 1):
+            k = starts[n]
+            move_rows(column, kept[k], k, starts[n + 1] - k)
+
+
+@helper(allocates=True)
+def _starts_of_runs(kept):  # type: ignore[no-untyped-def]
+    """Return the first number of each run of consecutive rows that moves down, and the end."""
+    starts, count = np.empty(kept.size + 1, np.int64), 0
+    for k in range(kept.size):
+        starts[count] = k
+        count += kept[k] > k and (k == 0 or kept[k] != kept[k - 1] + 1)
+    starts[count] = kept.size
+    return starts[: count + 1]

@@ -1,4 +1,4 @@
-"""Lists that are filled a vector at a time, compared with NumPy."""
+"""Loops that work on a vector at a time, compared with NumPy."""
 
 import numpy as np
 import pytest
@@ -9,6 +9,7 @@ from machine_sim.dem.compaction import (
     append_marked,
     append_pairs,
     copy_vector,
+    move_rows,
 )
 
 BEGIN, COUNT = 5, 3
@@ -29,6 +30,11 @@ def append_with(own, values, mark, first, second):
 @njit
 def copy(source, begin, target, at):
     copy_vector(source, begin, target, at)
+
+
+@njit
+def move(array, source, target, count):
+    move_rows(array, source, target, count)
 
 
 def marked_values(num_marked):
@@ -67,3 +73,12 @@ def test_whole_vector_is_copied(dtype):
     expected = np.zeros(40, dtype)
     expected[7 : 7 + COMPACTION_SIZE] = source[3 : 3 + COMPACTION_SIZE]
     np.testing.assert_array_equal(target, expected)
+
+
+@pytest.mark.parametrize("shape", [(40,), (40, 3)])
+def test_rows_are_moved_where_source_and_target_overlap(shape):
+    array = np.arange(np.prod(shape)).astype(np.float32).reshape(shape)
+    expected = array.copy()
+    expected[2:32] = array[5:35]
+    move(array, 5, 2, 30)
+    np.testing.assert_array_equal(array, expected)
