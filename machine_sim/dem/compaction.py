@@ -19,6 +19,7 @@ __all__ = [
     "append_marked",
     "append_pairs",
     "copy_vector",
+    "find_value",
     "move_rows",
 ]
 
@@ -96,6 +97,38 @@ def copy_vector(typing, source, begin, target, at):  # type: ignore[no-untyped-d
         kind = ir.VectorType(source.type.pointee, COMPACTION_SIZE)
         _store(builder, _load(builder, source, begin, kind), target, at)
         return context.get_dummy_value()
+
+    return signature, generate
+
+
+@intrinsic
+def find_value(typing, values, begin, count, wanted):  # type: ignore[no-untyped-def]
+    """Return the number of a value among the first `count` ones, without a branch.
+
+    Args:
+        typing: typing context of Numba.
+        values: uint32.
+        begin: number of the first value, int64.
+        count: number of values that are compared, up to `COMPACTION_SIZE`, int64.
+        wanted: the value, uint32.
+
+    Returns:
+        Number of the first one that is equal, `COMPACTION_SIZE` where there is none, int64.
+    """
+    signature = types.int64(values, begin, count, wanted)
+
+    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        values, begin, count, wanted = _pointers(context, builder, signature, arguments)
+        pointer = builder.bitcast(builder.gep(values, [begin]), _ROWS.as_pointer())
+        mask = _first(builder, count)
+        kind = ir.FunctionType(_ROWS, [pointer.type, _INT, _MASK, _ROWS])
+        load = _declare(builder.module, kind, f"llvm.masked.load.v{COMPACTION_SIZE}i32.p0")
+        undefined = ir.Constant(_ROWS, ir.Undefined)
+        row = builder.call(load, [pointer, ir.Constant(_INT, 4), mask, undefined])
+        equal = builder.and_(mask, builder.icmp_unsigned("==", row, _broadcast(builder, wanted)))
+        bits = builder.zext(builder.bitcast(equal, ir.IntType(COMPACTION_SIZE)), begin.type)
+        end = ir.Constant(begin.type, 1 << COMPACTION_SIZE)
+        return builder.cttz(builder.or_(bits, end), ir.Constant(ir.IntType(1), 1))
 
     return signature, generate
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import prange
 
+from machine_sim.dem.compaction import COMPACTION_SIZE, find_value
 from machine_sim.dem.partition import NUM_CHUNKS
 from msg_bridge.kernels import helper, threaded_kernel
 
@@ -60,10 +61,10 @@ def _transfer_chunk(low, high, old, new_row, active, new, begin, end):  # type: 
     first, second, contact_flag, spring = old.first, old.second, old.contact_flag, old.spring
     new_second, new_flag, new_spring = new.second, new.contact_flag, new.spring
     # Pairs in contact are selected without branches, which no processor could predict.
-    touching, count = np.empty(high - low, np.int64), 0
-    for m in range(low, high):
+    touching, count = np.empty(high - low, np.uint64), np.uint64(0)
+    for m in range(np.uint64(low), np.uint64(high)):
         touching[count] = m
-        count += contact_flag[m] != 0
+        count += np.uint64(contact_flag[m] != 0)
     num_asleep = 0
     for m in touching[:count]:
         i = new_row[first[m]] if first[m] < new_row.size else -1
@@ -75,12 +76,12 @@ def _transfer_chunk(low, high, old, new_row, active, new, begin, end):  # type: 
             first[m], second[m] = i, j
             num_asleep += 1
             continue
-        # The spring points from the first particle to the second.
-        sign = np.float32(1.0)
+        # Which of the two is the first is as good as random: both are searched, without a branch.
         k = _find_row(new_second, begin[i], end[i], j)
-        if k < 0:
-            k = _find_row(new_second, begin[j], end[j], i)
-            sign = np.float32(-1.0)
+        k_swapped = _find_row(new_second, begin[j], end[j], i)
+        # The spring points from the first particle to the second.
+        sign = np.float32(1.0 if k >= 0 else -1.0)
+        k = max(k, k_swapped)
         if k >= 0:
             new_flag[k] = 1
             for axis in range(3):
@@ -91,7 +92,8 @@ def _transfer_chunk(low, high, old, new_row, active, new, begin, end):  # type: 
 @helper(forceinline=True)
 def _find_row(rows, low, high, row):  # type: ignore[no-untyped-def]
     """Return the index of `row` in rows[low:high], -1 if it is not there."""
-    for k in range(low, high):
-        if rows[k] == row:
-            return k
+    for begin in range(low, high, COMPACTION_SIZE):
+        n = find_value(rows, begin, min(high - begin, COMPACTION_SIZE), np.uint32(row))
+        if n < COMPACTION_SIZE:
+            return begin + n
     return -1

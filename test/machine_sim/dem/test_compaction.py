@@ -9,6 +9,7 @@ from machine_sim.dem.compaction import (
     append_marked,
     append_pairs,
     copy_vector,
+    find_value,
     move_rows,
 )
 
@@ -30,6 +31,11 @@ def append_with(own, values, mark, first, second):
 @njit
 def copy(source, begin, target, at):
     copy_vector(source, begin, target, at)
+
+
+@njit
+def find(values, count, wanted):
+    return find_value(values, BEGIN, count, wanted)
 
 
 @njit
@@ -73,6 +79,15 @@ def test_whole_vector_is_copied(dtype):
     expected = np.zeros(40, dtype)
     expected[7 : 7 + COMPACTION_SIZE] = source[3 : 3 + COMPACTION_SIZE]
     np.testing.assert_array_equal(target, expected)
+
+
+def test_first_of_equal_values_is_found_among_those_that_are_compared():
+    values = np.arange(BEGIN + COMPACTION_SIZE, dtype=np.uint32)
+    values[BEGIN + 4] = values[BEGIN + 7]
+    assert find(values, COMPACTION_SIZE, values[-1]) == COMPACTION_SIZE - 1
+    assert find(values, 8, values[BEGIN + 7]) == 4
+    assert find(values, 8, values[BEGIN + 8]) == COMPACTION_SIZE
+    assert find(values, 8, np.uint32(BEGIN - 1)) == COMPACTION_SIZE
 
 
 @pytest.mark.parametrize("shape", [(40,), (40, 3)])
