@@ -64,7 +64,8 @@ def append_marked(typing, values, mark, begin, out, count):  # type: ignore[no-u
 def append_pairs(typing, own, values, mark, begin, first, second, count):  # type: ignore[no-untyped-def]
     """Append the pairs of `own`, uint32, with the marked ones of some values to two lists.
 
-    The other arguments and the result are those of `append_marked`.
+    The other arguments and the result are those of `append_marked`. Up to `COMPACTION_SIZE`
+    elements of the lists behind the pairs are overwritten.
     """
     signature = types.int64(own, values, mark, begin, first, second, count)
 
@@ -74,8 +75,8 @@ def append_pairs(typing, own, values, mark, begin, first, second, count):  # typ
         )
         mask, number = _load_mask(builder, mark, begin)
         row = _load(builder, values, begin, _ROWS)
-        _store_first(builder, _broadcast(builder, own), number, first, count)
-        _store_first(builder, _compress(builder, row, mask), number, second, count)
+        _store(builder, _broadcast(builder, own), first, count)
+        _store(builder, _compress(builder, row, mask), second, count)
         return builder.add(count, number)
 
     return signature, generate

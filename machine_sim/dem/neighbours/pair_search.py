@@ -12,7 +12,7 @@ import numpy as np
 from numba import prange
 from numpy.typing import NDArray
 
-from machine_sim.dem.compaction import COMPACTION_SIZE, append_pairs, copy_vector
+from machine_sim.dem.compaction import COMPACTION_SIZE, append_pairs, copy_vector, move_rows
 from machine_sim.dem.neighbours.neighbourhood import (
     REACH,
     allocate_neighbourhood,
@@ -134,9 +134,8 @@ def _chunk_start(c, grid):  # type: ignore[no-untyped-def]
 def _move_section(source, count, target, rows, first, second, begin, end):  # type: ignore[no-untyped-def]
     """Move a section of the table to its final position, and shift the ranges of its rows."""
     if source > target:
-        for k in range(count):
-            first[target + k] = first[source + k]
-            second[target + k] = second[source + k]
+        move_rows(first, source, target, count)
+        move_rows(second, source, target, count)
     for i in rows:
         begin[i] += target
         end[i] += target
@@ -169,7 +168,7 @@ def _find_chunk_pairs(  # type: ignore[no-untyped-def]
         size = _find_strips(c, place, start, shape, sparse, strip_low, strip_high)
         if size + COMPACTION_SIZE > around.row.size:
             around = allocate_neighbourhood(2 * size)
-        if count + (end_of_cell - place) * size > first.size:
+        if count + (end_of_cell - place) * size + COMPACTION_SIZE > first.size:
             return -1
         num_after = _gather(strip_low, strip_high, sparse, packed, row, is_active, around)
         for own in range(end_of_cell - place):
@@ -251,7 +250,7 @@ def _find_outlier_pairs(fast_outliers, particles, first, second, begin, end, cou
             packed[axis, j] = position[j, axis] - position[fast_outliers[0], axis]
         packed[REACH, j], row[j], is_active[j] = reach[j], j, active[j]
     for i in fast_outliers:
-        if count + n > first.size:
+        if count + n + COMPACTION_SIZE > first.size:
             return -1
         mark_neighbours(packed, is_active, i, n, mark)
         # Each pair is listed once: a pair of two outliers by the first of them.

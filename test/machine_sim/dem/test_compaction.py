@@ -64,11 +64,12 @@ def test_marked_values_are_appended_in_order_and_nothing_behind_them(num_marked)
 
 def test_pairs_with_marked_values_are_appended():
     values, mark, expected = marked_values(6)
-    first, second = (np.full(COUNT + COMPACTION_SIZE, UNUSED, np.uint32) for _ in range(2))
+    first, second = (np.full(COUNT + COMPACTION_SIZE + 1, UNUSED, np.uint32) for _ in range(2))
     assert append_with(np.uint32(8), values, mark, first, second) == COUNT + 6
     assert list(first[COUNT : COUNT + 6]) == [8] * 6
     assert list(second[COUNT : COUNT + 6]) == list(expected)
-    assert set(first[COUNT + 6 :]) | set(second[COUNT + 6 :]) == {UNUSED}
+    for values in first, second:
+        assert {*values[:COUNT], *values[COUNT + COMPACTION_SIZE :]} == {UNUSED}
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.uint32, np.uint8])
