@@ -39,6 +39,15 @@ _BLOCK_SIZE = 64
 """Particles that are integrated together, a multiple of the lanes of the widest vector."""
 SCRATCH_SIZE = (BODY_RECORD_SIZE + FORCE_RECORD_SIZE) * _BLOCK_SIZE
 """Floats of working memory for a block."""
+_VECTOR = 0b111
+_BODY_COLUMNS = 0xFFFF & ~(_VECTOR << SURFACE_VELOCITY)
+_SUM_COLUMNS = (
+    _VECTOR << FORCE
+    | 1 << ROLLING_LIMIT
+    | _VECTOR << TORQUE_OVER_RADIUS
+    | _VECTOR << LIMIT_WEIGHTED_ANGULAR_VELOCITY
+)
+"""Columns that are read or written back, a bit for each."""
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
 _TINY = np.float32(1e-20)
@@ -78,8 +87,8 @@ def integrate_bodies(rows, body, force_sums, gravity, dt, scratch):  # type: ign
     for begin in range(0, rows.size, _BLOCK_SIZE):
         count = min(rows.size - begin, _BLOCK_SIZE)
         for s in range(0, count, GROUP_SIZE):
-            gather_records(body, rows, begin + s, bodies, _BLOCK_SIZE, s)
-            gather_records(force_sums, rows, begin + s, sums, _BLOCK_SIZE, s)
+            gather_records(body, rows, begin + s, bodies, _BLOCK_SIZE, s, _BODY_COLUMNS)
+            gather_records(force_sums, rows, begin + s, sums, _BLOCK_SIZE, s, _SUM_COLUMNS)
         _integrate_block(round_up(count, VECTOR_SIZE), bodies, sums, gravity, dt)
         # A row that is repeated in a group is written several times with the same values.
         for s in range(0, count, GROUP_SIZE):

@@ -152,9 +152,9 @@ def gather_motion(typing, body, row, contact, scratch, stride, slot):  # type: i
     return signature, generate
 
 
-@intrinsic
-def gather_records(typing, records, row, first, scratch, stride, slot):  # type: ignore[no-untyped-def]
-    """Write four records column by column, column q to `scratch[q * stride + slot]` and on.
+@intrinsic(prefer_literal=True)
+def gather_records(typing, records, row, first, scratch, stride, slot, columns):  # type: ignore[no-untyped-def]
+    """Write columns of four records, column q to `scratch[q * stride + slot]` and on.
 
     Args:
         typing: typing context of Numba.
@@ -164,15 +164,17 @@ def gather_records(typing, records, row, first, scratch, stride, slot):  # type:
         scratch: out, 16 quantities.
         stride: distance between quantities in `scratch`.
         slot: position of the first record in `scratch`.
+        columns: bit q is set for each column q that is written, a constant.
     """
-    signature = types.void(records, row, first, scratch, stride, slot)
+    signature = types.void(records, row, first, scratch, stride, slot, columns)
 
     def generate(context, builder, signature, values):  # type: ignore[no-untyped-def]
         pointers, out = _group_pointers(context, builder, signature, values)
         rows = [_load(builder, each) for each in pointers]
         for component, column in enumerate(_transpose_lanes(builder, rows)):
-            for lane in range(_NUM_LANES):
-                _store(builder, _lane(builder, column, lane), out(4 * lane + component))
+            for q in range(component, _RECORD_SIZE, 4):
+                if columns.literal_value >> q & 1:
+                    _store(builder, _lane(builder, column, q // 4), out(q))
         return context.get_dummy_value()
 
     return signature, generate
@@ -311,7 +313,6 @@ def _force_columns(builder: Any, source: Callable[[int], Any], *, sums_rotation:
 
 
 def _four_floats(builder: Any, pointer: Any) -> Any:
-    """Load four floats from a scratch block."""
     return builder.load(builder.bitcast(pointer, _LANE_TYPE.as_pointer()), align=4)
 
 

@@ -38,6 +38,8 @@ from machine_sim.dem.contacts.simd import (
 )
 
 STRIDE = 12
+COLUMNS = 0xFFFF & ~(1 << DISPLACEMENT + 1)
+"""All columns of a record but one."""
 
 
 @njit
@@ -66,8 +68,8 @@ def add_to_one(force_sums, row, contact, scratch, slot):
 
 
 @njit
-def gather_all_columns(records, row, first, scratch, slot):
-    gather_records(records, row, first, scratch, STRIDE, slot)
+def gather_columns(records, row, first, scratch, slot):
+    gather_records(records, row, first, scratch, STRIDE, slot, COLUMNS)
 
 
 @njit
@@ -88,11 +90,18 @@ def contacts():
     return body, first, second
 
 
+def gathered(gather_group, records, *rows, num_quantities):
+    """Return the quantities of four contacts, with the bodies `rows[4:]`."""
+    scratch = np.zeros(num_quantities * STRIDE, np.float32)
+    gather_group(records, *rows, 4, scratch, 8)
+    found = scratch.reshape(num_quantities, STRIDE)
+    assert not found[:, :8].any(), "written outside the slots of the group"
+    return found[:, 8 : 8 + GROUP_SIZE]
+
+
 def test_gathers_relative_motion_and_sum_of_surface_velocities():
     body, first, second = contacts()
-    scratch = np.zeros(9 * STRIDE, np.float32)
-    gather(body, first, second, 4, scratch, 8)
-    found = scratch.reshape(9, STRIDE)
+    found = gathered(gather, body, first, second, num_quantities=9)
     i, j = body[first[4:]], body[second[4:]]
     expected = np.zeros((9, GROUP_SIZE))
     displacement, velocity = vector(DISPLACEMENT), vector(VELOCITY)
@@ -100,21 +109,17 @@ def test_gathers_relative_motion_and_sum_of_surface_velocities():
     expected[vector(RELATIVE_DISPLACEMENT)] = (j - i)[:, displacement].T
     expected[vector(RELATIVE_VELOCITY)] = (j - i)[:, velocity].T
     expected[vector(SURFACE_VELOCITY_SUM)] = (i + j)[:, surface_velocity].T
-    np.testing.assert_allclose(found[:, 8 : 8 + GROUP_SIZE], expected, rtol=1e-6, atol=1e-6)
-    assert not found[:, :8].any(), "written outside the slots of the group"
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6)
 
 
 def test_gathers_relative_velocity_and_sums_of_inverse_masses_and_radii():
     body, first, second = contacts()
-    scratch = np.zeros(5 * STRIDE, np.float32)
-    gather_closing(body, first, second, 4, scratch, 8)
-    found = scratch.reshape(5, STRIDE)
+    found = gathered(gather_closing, body, first, second, num_quantities=5)
     i, j = body[first[4:]], body[second[4:]]
     velocity = vector(VELOCITY)
-    np.testing.assert_array_equal(found[vector(CLOSING_VELOCITY), 8:], (j - i)[:, velocity].T)
-    np.testing.assert_array_equal(found[INVERSE_MASS_SUM, 8:], (i + j)[:, INVERSE_MASS])
-    np.testing.assert_array_equal(found[CONTACT_RADIUS_SUM, 8:], (i + j)[:, CONTACT_RADIUS])
-    assert not found[:, :8].any(), "written outside the slots of the group"
+    np.testing.assert_array_equal(found[vector(CLOSING_VELOCITY)], (j - i)[:, velocity].T)
+    np.testing.assert_array_equal(found[INVERSE_MASS_SUM], (i + j)[:, INVERSE_MASS])
+    np.testing.assert_array_equal(found[CONTACT_RADIUS_SUM], (i + j)[:, CONTACT_RADIUS])
 
 
 def test_scatters_to_both_bodies_where_contacts_share_one():
@@ -139,17 +144,14 @@ def test_scatters_to_both_bodies_where_contacts_share_one():
 
 def test_gathers_and_adds_to_bodies_in_contact_with_something_at_rest():
     body, row, _ = contacts()
-    scratch = np.zeros(9 * STRIDE, np.float32)
-    gather_one(body, row, 4, scratch, 8)
-    found = scratch.reshape(9, STRIDE)
+    found = gathered(gather_one, body, row, num_quantities=9)
     own = body[row[4:]]
     for quantity, column in (
         (RELATIVE_DISPLACEMENT, DISPLACEMENT),
         (RELATIVE_VELOCITY, VELOCITY),
         (SURFACE_VELOCITY_SUM, SURFACE_VELOCITY),
     ):
-        np.testing.assert_array_equal(found[vector(quantity), 8:], own[:, vector(column)].T)
-    assert not found[:, :8].any(), "written outside the slots of the group"
+        np.testing.assert_array_equal(found[vector(quantity)], own[:, vector(column)].T)
 
     scratch = np.random.default_rng(2).normal(size=(7, STRIDE)).astype(np.float32)
     sums = np.random.default_rng(3).normal(size=(6, FORCE_RECORD_SIZE)).astype(np.float32)
@@ -162,16 +164,18 @@ def test_gathers_and_adds_to_bodies_in_contact_with_something_at_rest():
     np.testing.assert_allclose(sums, expected, rtol=1e-5, atol=1e-5)
 
 
-def test_gathers_and_scatters_whole_records():
+def test_gathers_columns_and_scatters_whole_records():
     body, _, row = contacts()
+    records = body.copy()
+    records[:, DISPLACEMENT + 1] = 0.0  # the column that is not gathered
     scratch = np.zeros(BODY_RECORD_SIZE * STRIDE, np.float32)
-    gather_all_columns(body, row, 1, scratch, 4)
+    gather_columns(body, row, 1, scratch, 4)
     found = scratch.reshape(BODY_RECORD_SIZE, STRIDE)
-    np.testing.assert_array_equal(found[:, 4:8], body[row[1:5]].T)
+    np.testing.assert_array_equal(found[:, 4:8], records[row[1:5]].T)
     outside = np.delete(found, slice(4, 8), axis=1)
     assert not outside.any(), "written outside the slots of the group"
     copy = np.zeros_like(body)
     scatter_all_columns(copy, row, 1, scratch, 4)
     expected = np.zeros_like(body)
-    expected[row[1:5]] = body[row[1:5]]
+    expected[row[1:5]] = records[row[1:5]]
     np.testing.assert_array_equal(copy, expected)
