@@ -19,11 +19,8 @@ from numpy.typing import NDArray
 
 from machine_sim.dem.body_records import CONTACT_RADIUS
 from machine_sim.dem.contacts import pair_block as pair
-from machine_sim.dem.contacts.pair_selection import (
-    allocate_selection,
-    select_touching,
-    separation_of,
-)
+from machine_sim.dem.contacts.pair_selection import allocate_selection, select_touching
+from machine_sim.dem.contacts.separations import gather_separations
 from machine_sim.dem.contacts.simd import GROUP_SIZE
 from machine_sim.dem.neighbours.pair_table import PairTable
 from machine_sim.dem.vec3 import dot
@@ -166,9 +163,8 @@ def update_pair_contacts(  # type: ignore[no-untyped-def]
         low = bounds[part]
         if rebuild:
             num_candidates[part] = bounds[part + 1] - low
-            for k in range(low, bounds[part + 1]):
+            for k in range(np.uint64(low), np.uint64(bounds[part + 1])):
                 candidates[k] = k
-        _update_separations(begin[part], size[part], contacts, particles.position)
         if radii_changed:
             _update_contact_radii(begin[part], size[part], contacts, body, particles.cohesion)
         num_added, num_candidates[part] = _add_touching(
@@ -176,17 +172,19 @@ def update_pair_contacts(  # type: ignore[no-untyped-def]
             begin[part] + size[part], contacts, pair_index, allocate_selection(),
         )  # fmt: skip
         size[part] += num_added
+        _set_separations(begin[part], size[part], contacts, particles.position)
 
 
 @helper(forceinline=True)
-def _update_separations(begin, size, contacts, position):  # type: ignore[no-untyped-def]
-    """Compute the separations of existing contacts at the start of the step."""
+def _set_separations(begin, size, contacts, position):  # type: ignore[no-untyped-def]
+    """Fill in the separations of all contacts of a part at the start of the step."""
     first, second, block = contacts.first, contacts.second, contacts.block
     for start in range(begin, begin + size, pair.BLOCK_SIZE):
         b = block[start // pair.BLOCK_SIZE]
-        for s in range(min(begin + size - start, pair.BLOCK_SIZE)):
-            i, j = first[start + s], second[start + s]
-            pair.store(b, pair.SEPARATION, s, separation_of(position, i, j))
+        for s in range(0, min(begin + size - start, pair.BLOCK_SIZE), GROUP_SIZE):
+            gather_separations(
+                position, first, second, start + s, b, pair.BLOCK_SIZE, pair.SEPARATION + s
+            )
 
 
 @helper(forceinline=True)
@@ -214,13 +212,13 @@ def _set_radius_quantities(b, s, ri, rj, cohesion):  # type: ignore[no-untyped-d
 
 @helper
 def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_index, memory):  # type: ignore[no-untyped-def]
-    """Copy the candidates that may touch to the slots from `begin` on.
+    """Copy the candidates that may touch to the slots from `begin` on, without separations.
 
     Returns:
         Number of contacts added, and number of candidates left.
     """
     first, second, block = contacts.first, contacts.second, contacts.block
-    spring, contact_flag, position = pairs.spring, pairs.contact_flag, particles.position
+    spring, contact_flag = pairs.spring, pairs.contact_flag
     friction, rolling_friction = particles.friction, particles.rolling_friction
     cohesion, inverse_mass = particles.cohesion, particles.inverse_mass
     # The 0 is typed, or `select_touching` is compiled once more for its literal.
@@ -228,14 +226,14 @@ def _add_touching(dt, pairs, candidates, particles, body, begin, contacts, pair_
     for start in range(0, candidates.size, pair.BLOCK_SIZE):
         count, num_left = select_touching(
             dt, pairs, start, min(start + pair.BLOCK_SIZE, candidates.size), candidates, num_left,
-            position, body, memory,
+            particles.position, body, memory,
         )  # fmt: skip
         for m in range(count):
             k = memory.selected[m]
             i, j = pairs.first[k], pairs.second[k]
-            first[slot], second[slot], pair_index[slot] = i, j, k
+            at = np.uint64(slot)
+            first[at], second[at], pair_index[at] = i, j, k
             b, s = block[slot // pair.BLOCK_SIZE], slot % pair.BLOCK_SIZE
-            pair.store(b, pair.SEPARATION, s, separation_of(position, i, j))
             # The coefficients of a contact between two soils are those of the weaker one.
             _set_radius_quantities(
                 b, s, body[i, CONTACT_RADIUS], body[j, CONTACT_RADIUS],

@@ -16,11 +16,12 @@ from machine_sim.dem.contacts import simd
 from machine_sim.dem.contacts.block_vectors import vector_access
 from machine_sim.dem.contacts.pair_block import BLOCK_SIZE
 from machine_sim.dem.contacts.pair_forces import BOND_RUPTURE_GAP
+from machine_sim.dem.contacts.separations import gather_separations
 from machine_sim.dem.contacts.simd import GROUP_SIZE, VECTOR_SIZE, gather_approach, round_up
-from machine_sim.dem.vec3 import dot, load_row, subtract
+from machine_sim.dem.vec3 import dot
 from msg_bridge.kernels import helper
 
-__all__ = ["Selection", "allocate_selection", "select_touching", "separation_of"]
+__all__ = ["Selection", "allocate_selection", "select_touching"]
 
 _ZERO = np.float32(0.0)
 _ONE = np.float32(1.0)
@@ -37,7 +38,7 @@ _RADIUS_SUM = simd.CONTACT_RADIUS_SUM * BLOCK_SIZE
 _SEPARATION = 5 * BLOCK_SIZE
 _NUM_QUANTITIES = 8
 
-_load, _store = vector_access(BLOCK_SIZE)
+_load, _ = vector_access(BLOCK_SIZE)
 
 
 class Selection(NamedTuple):
@@ -77,13 +78,6 @@ def allocate_selection():  # type: ignore[no-untyped-def]
     )
 
 
-@helper(forceinline=True)
-def separation_of(position, i, j):  # type: ignore[no-untyped-def]
-    """Return the vector from centre i to centre j [m] in float32."""
-    x, y, z = subtract(load_row(position, j, 0), load_row(position, i, 0))
-    return np.float32(x), np.float32(y), np.float32(z)
-
-
 @helper
 def select_touching(dt, pairs, low, high, candidates, num_left, position, body, memory):  # type: ignore[no-untyped-def]
     """Select the candidates from `low` to `high` that may touch within a step.
@@ -107,13 +101,14 @@ def select_touching(dt, pairs, low, high, candidates, num_left, position, body, 
     count = high - low
     for s in range(np.uint64(count)):
         k = candidates[np.uint64(low) + s]
-        i, j = pairs.first[k], pairs.second[k]
-        memory.pair[s], memory.first[s], memory.second[s] = k, i, j
-        _store(memory.scratch, _SEPARATION, s, separation_of(position, i, j))
+        memory.pair[s], memory.first[s], memory.second[s] = k, pairs.first[k], pairs.second[k]
     for s in range(np.uint64(count), np.uint64(round_up(count, GROUP_SIZE))):
         memory.first[s] = memory.second[s] = memory.first[0]
     for s in range(0, count, GROUP_SIZE):
         gather_approach(body, memory.first, memory.second, s, memory.scratch, BLOCK_SIZE, s)
+        gather_separations(
+            position, memory.first, memory.second, s, memory.scratch, BLOCK_SIZE, _SEPARATION + s
+        )
     _mark_touching(dt, count, memory)
     for s in range(np.uint64(count)):
         pairs.contact_flag[memory.pair[s]] *= memory.keeps_history[s]

@@ -17,6 +17,7 @@ from machine_sim.dem.body_records import (
 from machine_sim.dem.body_records import FORCE as FORCE_SUM
 from machine_sim.dem.body_records import ROLLING_LIMIT as ROLLING_LIMIT_SUM
 from machine_sim.dem.body_records import TORQUE_OVER_RADIUS as TORQUE_SUM
+from machine_sim.dem.contacts.separations import gather_separations
 from machine_sim.dem.contacts.simd import (
     CLOSING_VELOCITY,
     CONTACT_RADIUS_SUM,
@@ -50,6 +51,11 @@ def gather(body, first, second, contact, scratch, slot):
 @njit
 def gather_closing(body, first, second, pair, scratch, slot):
     gather_approach(body, first, second, pair, scratch, STRIDE, slot)
+
+
+@njit
+def gather_vectors(position, first, second, pair, scratch, slot):
+    gather_separations(position, first, second, pair, scratch, STRIDE, slot)
 
 
 @njit
@@ -120,6 +126,14 @@ def test_gathers_relative_velocity_and_sums_of_inverse_masses_and_radii():
     np.testing.assert_array_equal(found[vector(CLOSING_VELOCITY)], (j - i)[:, velocity].T)
     np.testing.assert_array_equal(found[INVERSE_MASS_SUM], (i + j)[:, INVERSE_MASS])
     np.testing.assert_array_equal(found[CONTACT_RADIUS_SUM], (i + j)[:, CONTACT_RADIUS])
+
+
+def test_gathers_separations_rounded_after_the_subtraction():
+    _, first, second = contacts()
+    position = 1e5 + np.random.default_rng(4).normal(size=(6, 3))
+    found = gathered(gather_vectors, position, first, second, num_quantities=3)
+    expected = (position[second[4:]] - position[first[4:]]).astype(np.float32)
+    np.testing.assert_array_equal(found, expected.T)
 
 
 def test_scatters_to_both_bodies_where_contacts_share_one():
