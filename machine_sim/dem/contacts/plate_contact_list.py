@@ -177,14 +177,14 @@ def list_plate_contacts(dt, rows, near_tools, particles, tools, old, new):  # ty
             tools.sphere[t], plates.bounds, first_plate[t], first_plate[t + 1], reach[low:high],
             close_plates[low:high],
         )  # fmt: skip
-        for k in range(low, high):
-            is_close_to_any[number[k]] |= close_plates[k] != _NO_PLATES
+        for k in range(np.uint64(low), np.uint64(high)):
+            is_close_to_any[np.uint64(number[k])] |= close_plates[k] != _NO_PLATES
     row, plate, side, spring = new.row, new.plate, new.side, new.spring
     begin, end, old_begin, old_end = new.begin, new.end, old.begin, old.end
     old_plate, old_side, old_spring = old.plate, old.side, old.spring
     count, entry = 0, near_tools.first[:-1].copy()
     for n in range(rows.size):
-        i = rows[n]
+        i = np.uint64(rows[n])
         begin[i] = count
         for t in range(num_tools if is_close_to_any[n] else 0):
             e = entry[t] = _find_entry(n, number, entry[t], near_tools.first[t + 1])
@@ -253,7 +253,7 @@ def _search_radii(dt, rows, number, position, velocity, radius, pose, twist, rea
     linear = twist[LINEAR], twist[LINEAR + 1], twist[LINEAR + 2]
     angular = twist[ANGULAR], twist[ANGULAR + 1], twist[ANGULAR + 2]
     for n in range(number.size):
-        i = np.uint64(rows[number[n]])
+        i = np.uint64(rows[np.uint64(number[n])])
         arm = subtract(load_row(position, i, 0), origin)
         relative = subtract(subtract(load_row(velocity, i, 0), linear), cross(angular, arm))
         reach[n] = SEARCH_RADIUS_FACTOR * radius[i] + ACCELERATION_MARGIN * dt * np.sqrt(

@@ -73,18 +73,18 @@ def select_near_tools(dt, rows, particles, tools, margin):  # type: ignore[no-un
     num_tools, pose = tools.twist.shape[0], tools.path[0]
     first, number = np.zeros(num_tools + 1, np.int64), np.empty(num_tools * rows.size, np.int64)
     positions, reach = _load_reach(dt, rows, particles, margin)
-    is_near, count = np.empty(rows.size, np.bool_), 0
+    is_near, count = np.empty(rows.size, np.bool_), np.uint64(0)
     for t in range(num_tools):
         _mark_near_tool(dt, pose[t], tools.twist[t], tools.sphere[t], positions, reach, is_near)
         for n in range(rows.size):
             number[count] = n
-            count += is_near[n]
+            count += np.uint64(is_near[n])
         first[t + 1] = count
     x, y, z = np.empty(count), np.empty(count), np.empty(count)
     for t in range(num_tools):
         p = pose[t]
-        for k in range(first[t], first[t + 1]):
-            n = number[k]
+        for k in range(np.uint64(first[t]), np.uint64(first[t + 1])):
+            n = np.uint64(number[k])
             x[k], y[k], z[k] = to_tool_frame(p, positions[0, n], positions[1, n], positions[2, n])
     return NearTools(first, number[:count], x, y, z)
 
@@ -95,7 +95,7 @@ def _load_reach(dt, rows, particles, margin):  # type: ignore[no-untyped-def]
     position, velocity, radius = particles.position, particles.velocity, particles.radius
     positions, reach = np.empty((3, rows.size)), np.empty(rows.size)
     for n in range(rows.size):
-        i = rows[n]
+        i = np.uint64(rows[n])
         for axis in range(3):
             positions[axis, n] = position[i, axis]
         v = load_row(velocity, i, 0)
@@ -160,7 +160,7 @@ def classify_near_tools(near_tools, tools, margin, inside):  # type: ignore[no-u
         if is_digging[t]:
             for k in range(number.size):
                 if within[k]:
-                    near[number[k]] = t
+                    near[np.uint64(number[k])] = t
         if first_plane[t + 1] == first_plane[t]:
             continue
         # Plane by plane, so that the loops over particles are vectorised.
@@ -174,7 +174,7 @@ def classify_near_tools(near_tools, tools, margin, inside):  # type: ignore[no-u
                 within,
             )  # fmt: skip
         for k in range(number.size):
-            n = number[k]
+            n = np.uint64(number[k])
             if within[k] and inside[n] == NO_TOOL:
                 inside[n], ground_masked[n] = t, is_digging[t]
     return ground_masked, near
