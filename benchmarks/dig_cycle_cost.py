@@ -1,15 +1,16 @@
-"""Measure the parts of a dig cycle, and the soil's time per tick against the size of the map.
+"""Measure the parts of a dig cycle, and what it costs on larger maps.
 
     python -m benchmarks.dig_cycle_cost
 
 Runs the first cycle of the demo in one process, with its particles of 1 litre and with smaller
-ones, and prints the mean wall time per tick of each part; then a scripted scoop on maps of
-growing size.
+ones, and prints the mean wall time per tick of each part; then real-time factor and memory of such
+a cycle on level maps of growing size (3 GB for the largest one).
 """
 
 from __future__ import annotations
 
 import dataclasses
+import resource
 import statistics
 import time
 from collections.abc import Callable
@@ -18,22 +19,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from benchmarks.bucket_sweeps import NO_DEPOSIT_REQUESTS, bucket_sweep
 from benchmarks.result_table import Column, ResultTable, describe_load, make_parser
-from benchmarks.timing import elapsed_ms, interleave
+from benchmarks.timing import interleave
 from earthmoving_sim.run_config import load_run_config
 from earthmoving_sim.single_process_dig import SingleProcessDig
 from msg_bridge.contract.grid import Grid
-from soil_sim.soil import Soil
+from soil_sim.terrain import HeightMap
 
 RUNS = 3
 VOLUMES = (1_000_000, 330_000)
 """Nominal bank volumes of a particle [mm^3]: the demo's, and one that gives 3,000 particles."""
-SIZES = (129, 257, 513, 1025)
-"""Numbers of rows and columns of the maps."""
-SCOOP_TICKS = 300
-PROFILE = ((0.0, 0.0), (-0.24, 0.28), (-0.5, 0.53), (-0.79, 0.7), (-1.1, 0.68))
-"""(x, z) of the bucket's key points from its lip [m]."""
+SIZES = (257, 1025, 4097)
+"""Numbers of rows and columns of the maps, of columns of 0.2 m."""
 
 
 class CycleCost(NamedTuple):
@@ -54,7 +51,7 @@ def main() -> None:
     """Measure and print both tables."""
     options = make_parser(__doc__, runs=RUNS).parse_args()
     measure_parts(options.runs, as_json=options.json)
-    measure_scoops(as_json=options.json)
+    measure_sizes(options.runs, as_json=options.json)
 
 
 def measure_parts(runs: int, *, as_json: bool) -> None:
@@ -76,13 +73,26 @@ def measure_parts(runs: int, *, as_json: bool) -> None:
     table.print_row("max particles", counts, unit="", texts=[f"{count:.0f}" for count in counts])
 
 
-def measure_scoops(*, as_json: bool) -> None:
-    """Print the soil's time per tick while a bucket is dragged 3 m, on maps of 0.2 m columns."""
-    table = ResultTable([Column("median tick")], as_json=as_json)
-    table.print_note("\nTick of the soil during a scoop, ms")
+def measure_sizes(runs: int, *, as_json: bool) -> None:
+    """Print what the demo's first cycle costs on level maps of growing size."""
+    columns = [Column("real-time factor"), Column("peak memory [GB]")]
+    table = ResultTable(columns, as_json=as_json)
+    table.print_note("\nThe cycle without timers, and the peak memory of the process so far")
     table.print_header("columns")
     for size in SIZES:
-        table.print_row(f"{size} x {size}", [statistics.median(time_scoop(size))])
+        factors = [run_on_level_map(size) for _ in range(runs)]
+        memory = 1024e-9 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # in KiB on Linux
+        table.print_row(f"{size} x {size}", [statistics.median(factors), memory], unit="")
+
+
+def run_on_level_map(size: int) -> float:
+    """Return the real-time factor of the demo's first cycle on a level map."""
+    grid = Grid(size, size, 0.2)
+    site = HeightMap(grid, np.zeros(grid.shape))
+    dig = SingleProcessDig(load_run_config("demo.yaml", {"cycles": 1}), site)
+    outcome = dig.run()
+    dig.close()
+    return outcome.simulated_time / outcome.wall_time
 
 
 def run_cycle(nominal_volume: int) -> CycleCost:
@@ -117,18 +127,6 @@ def add_timer(owner: Any, name: str, part: str, seconds: dict[str, float]) -> No
         return result
 
     setattr(owner, name, timed)
-
-
-def time_scoop(size: int) -> list[float]:
-    """Return the wall time of each tick [ms] of a 1.2 m bucket at 0.3 m depth, 10 mm a tick."""
-    grid = Grid(size, size, 0.2)
-    soil = Soil(grid, np.zeros(grid.shape))
-    times = []
-    for tick in range(SCOOP_TICKS):
-        x = -1.5 + 0.01 * tick
-        sweep = bucket_sweep((x, 0.0, -0.3), (x + 0.01, 0.0, -0.3), PROFILE)
-        times.append(elapsed_ms(partial(soil.step, tick, sweep, NO_DEPOSIT_REQUESTS)))
-    return times
 
 
 if __name__ == "__main__":
