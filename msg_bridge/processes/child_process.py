@@ -7,7 +7,8 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 __all__ = ["ChildProcess", "python_module_command"]
@@ -23,7 +24,8 @@ class ChildProcess:
     """A running program.
 
     It has a session of its own: Ctrl-C in the terminal does not reach it, and all processes that
-    it starts can be killed with it.
+    it starts can be killed with it. It can be interrupted also where this process ignores SIGINT,
+    as a shell's background job does, if it is started from the main thread.
 
     Attributes:
         command: program and arguments.
@@ -42,7 +44,7 @@ class ChildProcess:
         """
         self.command = list(command)
         self.log = log
-        with log.open("wb") as output:
+        with log.open("wb") as output, _default_interrupt():
             self._process = subprocess.Popen(
                 self.command,
                 stdin=subprocess.DEVNULL,
@@ -93,3 +95,17 @@ class ChildProcess:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.pid, signal.SIGKILL)
         return self._process.wait()
+
+
+@contextlib.contextmanager
+def _default_interrupt() -> Iterator[None]:
+    """Let no program that is started meanwhile inherit that SIGINT is ignored."""
+    is_main = threading.current_thread() is threading.main_thread()  # only it may set handlers
+    if not is_main or signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        yield
+        return
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -70,14 +70,20 @@ def test_python_module_ends_when_its_parent_is_killed(tmp_path: Path) -> None:
     assert not is_running(pid)
 
 
-def test_module_can_be_interrupted_when_its_parent_ignores_sigint(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    "command",
+    [python_module_command("waiting"), [sys.executable, "-m", "waiting"]],
+    ids=["module", "program"],
+)
+def test_child_can_be_interrupted_when_its_parent_ignores_sigint(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "waiting.py").write_text(WAIT)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        process = ChildProcess(python_module_command("waiting"), tmp_path / "log.txt")
+        process = ChildProcess(command, tmp_path / "log.txt")
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGINT, before)
     while "started" not in process.output and process.exit_code is None:
