@@ -238,8 +238,8 @@ class DigTask:
         if sinkage <= _MAX_SINKAGE and abs(turn) <= _MAX_TURN:
             return ""
         return (
-            f"; since it began to dig here the machine has sunk by {sinkage:.2f} m and turned by"
-            f" {abs(math.degrees(turn)):.0f} deg: the ground is too soft for it"
+            f"; since it began to dig here the machine has sunk by {max(sinkage, 0.0):.2f} m and"
+            f" turned by {abs(math.degrees(turn)):.0f} deg: the ground is too soft for it"
         )
 
     def _has_next_station(self, observation: Observation) -> bool:

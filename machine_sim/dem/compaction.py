@@ -14,6 +14,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from msg_bridge.kernels.llvm_vectors import broadcast, data_pointers, load_vector, store_vector
+
 __all__ = [
     "COMPACTION_SIZE",
     "append_marked",
@@ -51,7 +53,7 @@ def append_marked(typing, values, mark, begin, out, count):  # type: ignore[no-u
     signature = types.int64(values, mark, begin, out, count)
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        values, mark, begin, out, count = _pointers(context, builder, signature, arguments)
+        values, mark, begin, out, count = data_pointers(context, builder, signature, arguments)
         mask, number = _load_mask(builder, mark, begin)
         row = _load(builder, values, begin, _ROWS)
         _store_first(builder, _compress(builder, row, mask), number, out, count)
@@ -70,12 +72,12 @@ def append_pairs(typing, own, values, mark, begin, first, second, count):  # typ
     signature = types.int64(own, values, mark, begin, first, second, count)
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        own, values, mark, begin, first, second, count = _pointers(
+        own, values, mark, begin, first, second, count = data_pointers(
             context, builder, signature, arguments
         )
         mask, number = _load_mask(builder, mark, begin)
         row = _load(builder, values, begin, _ROWS)
-        _store(builder, _broadcast(builder, own), first, count)
+        _store(builder, broadcast(builder, own, COMPACTION_SIZE), first, count)
         _store(builder, _compress(builder, row, mask), second, count)
         return builder.add(count, number)
 
@@ -94,7 +96,7 @@ def copy_vector(typing, source, begin, target, at):  # type: ignore[no-untyped-d
     signature = types.void(source, begin, target, at)
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        source, begin, target, at = _pointers(context, builder, signature, arguments)
+        source, begin, target, at = data_pointers(context, builder, signature, arguments)
         kind = ir.VectorType(source.type.pointee, COMPACTION_SIZE)
         _store(builder, _load(builder, source, begin, kind), target, at)
         return context.get_dummy_value()
@@ -119,14 +121,16 @@ def find_value(typing, values, begin, count, wanted):  # type: ignore[no-untyped
     signature = types.int64(values, begin, count, wanted)
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        values, begin, count, wanted = _pointers(context, builder, signature, arguments)
+        values, begin, count, wanted = data_pointers(context, builder, signature, arguments)
         pointer = builder.bitcast(builder.gep(values, [begin]), _ROWS.as_pointer())
         mask = _first(builder, count)
         kind = ir.FunctionType(_ROWS, [pointer.type, _INT, _MASK, _ROWS])
         load = _declare(builder.module, kind, f"llvm.masked.load.v{COMPACTION_SIZE}i32.p0")
         undefined = ir.Constant(_ROWS, ir.Undefined)
         row = builder.call(load, [pointer, ir.Constant(_INT, 4), mask, undefined])
-        equal = builder.and_(mask, builder.icmp_unsigned("==", row, _broadcast(builder, wanted)))
+        equal = builder.and_(
+            mask, builder.icmp_unsigned("==", row, broadcast(builder, wanted, COMPACTION_SIZE))
+        )
         bits = builder.zext(builder.bitcast(equal, ir.IntType(COMPACTION_SIZE)), begin.type)
         end = ir.Constant(begin.type, 1 << COMPACTION_SIZE)
         return builder.cttz(builder.or_(bits, end), ir.Constant(ir.IntType(1), 1))
@@ -160,24 +164,12 @@ def move_rows(typing, array, source, target, count):  # type: ignore[no-untyped-
     return signature, generate
 
 
-def _pointers(context: Any, builder: Any, signature: Any, arguments: Any) -> list[Any]:
-    """Return the arguments, with the data pointer of each array in its place."""
-    return [
-        context.make_array(kind)(context, builder, value).data
-        if isinstance(kind, types.Array)
-        else value
-        for kind, value in zip(signature.args, arguments, strict=True)
-    ]
-
-
 def _load(builder: Any, data: Any, begin: Any, kind: Any) -> Any:
-    pointer = builder.bitcast(builder.gep(data, [begin]), kind.as_pointer())
-    return builder.load(pointer, align=1)
+    return load_vector(builder, data, begin, kind, align=1)
 
 
 def _store(builder: Any, vector: Any, data: Any, begin: Any) -> None:
-    pointer = builder.bitcast(builder.gep(data, [begin]), vector.type.as_pointer())
-    builder.store(vector, pointer, align=1)
+    store_vector(builder, vector, data, begin, align=1)
 
 
 def _load_mask(builder: Any, mark: Any, begin: Any) -> tuple[Any, Any]:
@@ -196,16 +188,12 @@ def _compress(builder: Any, row: Any, mask: Any) -> Any:
     return builder.call(compress, [row, mask, ir.Constant(_ROWS, ir.Undefined)])
 
 
-def _broadcast(builder: Any, value: Any) -> Any:
-    undefined = ir.Constant(_ROWS, ir.Undefined)
-    first = builder.insert_element(undefined, value, ir.Constant(_INT, 0))
-    return builder.shuffle_vector(first, undefined, ir.Constant(_ROWS, [0] * COMPACTION_SIZE))
-
-
 def _first(builder: Any, number: Any) -> Any:
     """Return the mask of the first `number` elements."""
     numbers = ir.Constant(_ROWS, list(range(COMPACTION_SIZE)))
-    return builder.icmp_unsigned("<", numbers, _broadcast(builder, builder.trunc(number, _INT)))
+    return builder.icmp_unsigned(
+        "<", numbers, broadcast(builder, builder.trunc(number, _INT), COMPACTION_SIZE)
+    )
 
 
 def _store_first(builder: Any, row: Any, number: Any, out: Any, count: Any) -> None:

@@ -3,6 +3,7 @@
 - `decorators`: `kernel` and `helper`, with the options that all kernels are compiled with
 - `fixed_signature`: `fixed_signature_kernel`, for kernels that are called many times in a step
 - `boxed`: tables of arrays that are converted for kernels once, not in each call
+- `llvm_vectors`: LLVM vectors of array elements, for intrinsics
 - `threads`: kernels that run on one or on several threads
 - `compilation`: progress of compilation, for the log of a process
 - `cache`: compiled machine code on disk, keyed by the bytecode of all modules it was made from

@@ -15,6 +15,8 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from msg_bridge.kernels.llvm_vectors import broadcast, data_pointers, load_vector, store_vector
+
 __all__ = ["BLOCK_SIZE", "relax_block", "steep_pairs"]
 
 BLOCK_SIZE = 16
@@ -63,11 +65,13 @@ def steep_pairs(typing, heights, tangents, x, y, stable_drop, tolerance):  # typ
     signature = types.uint16(heights, tangents, x, y, stable_drop, tolerance)
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        heights, tangents, x, y, stable_drop, tolerance = _pointers(
+        heights, tangents, x, y, stable_drop, tolerance = data_pointers(
             context, builder, signature, arguments
         )
         pairs = _load_pairs(builder, heights, tangents, x, y, stable_drop)
-        is_steep = builder.fcmp_ordered(">", pairs.excess, _broadcast(builder, tolerance))
+        is_steep = builder.fcmp_ordered(
+            ">", pairs.excess, broadcast(builder, tolerance, BLOCK_SIZE)
+        )
         return builder.bitcast(is_steep, _MASK)
 
     return signature, generate
@@ -91,11 +95,11 @@ def relax_block(typing, heights, floor, tangents, x, y, stable_drop, fraction, m
     signature = types.uint16(heights, floor, tangents, x, y, stable_drop, fraction, mask)
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        heights, floor, tangents, x, y, stable_drop, fraction, mask = _pointers(
+        heights, floor, tangents, x, y, stable_drop, fraction, mask = data_pointers(
             context, builder, signature, arguments
         )
         pairs = _load_pairs(builder, heights, tangents, x, y, stable_drop)
-        transfer = builder.fmul(_broadcast(builder, fraction), pairs.excess)
+        transfer = builder.fmul(broadcast(builder, fraction, BLOCK_SIZE), pairs.excess)
         if floor is not None:
             available = builder.select(
                 pairs.is_down,
@@ -108,22 +112,12 @@ def relax_block(typing, heights, floor, tangents, x, y, stable_drop, fraction, m
             transfer = builder.select(is_positive, transfer, _ZEROS)
         transfer = builder.select(builder.bitcast(mask, _BITS), transfer, _ZEROS)
         change = _call(builder, "llvm.copysign.v16f32", transfer, pairs.drop)
-        _store(builder, builder.fsub(pairs.height_x, change), heights, x)
+        store_vector(builder, builder.fsub(pairs.height_x, change), heights, x, align=4)
         # Loaded again: within a row, y may be the first column of another pair.
-        _store(builder, builder.fadd(_load(builder, heights, y), change), heights, y)
+        store_vector(builder, builder.fadd(_load(builder, heights, y), change), heights, y, align=4)
         return builder.bitcast(builder.fcmp_unordered("!=", transfer, _ZEROS), _MASK)
 
     return signature, generate
-
-
-def _pointers(context: Any, builder: Any, signature: Any, arguments: Any) -> list[Any]:
-    """Return the arguments, with the data pointer of each array in its place, and None for None."""
-    values: list[Any] = []
-    for kind, value in zip(signature.args, arguments, strict=True):
-        if isinstance(kind, types.Array):
-            value = context.make_array(kind)(context, builder, value).data
-        values.append(None if kind == types.none else value)
-    return values
 
 
 def _load_pairs(
@@ -132,7 +126,7 @@ def _load_pairs(
     height_x, height_y = _load(builder, heights, x), _load(builder, heights, y)
     drop = builder.fsub(height_x, height_y)
     is_down = builder.fcmp_ordered(">", drop, _ZEROS)
-    stable = _broadcast(builder, stable_drop)
+    stable = broadcast(builder, stable_drop, BLOCK_SIZE)
     if tangents is not None:
         tangent = builder.select(is_down, _load(builder, tangents, x), _load(builder, tangents, y))
         stable = builder.fmul(stable, tangent)
@@ -140,27 +134,10 @@ def _load_pairs(
     return _Pairs(height_x, height_y, drop, is_down, excess)
 
 
-def _pointer(builder: Any, data: Any, begin: Any) -> Any:
-    return builder.bitcast(builder.gep(data, [begin]), _FLOATS.as_pointer())
-
-
 def _load(builder: Any, data: Any, begin: Any) -> Any:
-    return builder.load(_pointer(builder, data, begin), align=4)
-
-
-def _store(builder: Any, value: Any, data: Any, begin: Any) -> None:
-    builder.store(value, _pointer(builder, data, begin), align=4)
+    return load_vector(builder, data, begin, _FLOATS, align=4)
 
 
 def _call(builder: Any, name: str, *vectors: Any) -> Any:
     kind = ir.FunctionType(_FLOATS, [_FLOATS] * len(vectors))
     return builder.call(_declare(builder.module, kind, name), vectors)
-
-
-def _broadcast(builder: Any, value: Any) -> Any:
-    """Return a vector with a value in each element."""
-    first = builder.insert_element(
-        ir.Constant(_FLOATS, ir.Undefined), value, ir.Constant(ir.IntType(32), 0)
-    )
-    zeros = ir.Constant(ir.VectorType(ir.IntType(32), BLOCK_SIZE), [0] * BLOCK_SIZE)
-    return builder.shuffle_vector(first, first, zeros)
