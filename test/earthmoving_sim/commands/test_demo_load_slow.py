@@ -66,7 +66,8 @@ def test_dumper_is_loaded_hauls_and_tips_all(nodes: tuple[str, Path]) -> None:
         assert int(load["fill"]) >= 72, "the soil settles after the bed was full at 75 %"
         assert float(load["tipped"]) == pytest.approx(float(load["hauled"]), rel=0.02)
     (spilled,) = SPILLED.findall(nodes[0])
-    assert -0.5 < float(spilled) <= 3.0
+    # 1.0 to 3.1 % with 18 seeds, 1.8 % in the mean; a bucket that misses the bed would be 8 %.
+    assert -0.5 < float(spilled) <= 4.0
 
 
 def test_excavator_moves_along_by_its_stations(nodes: tuple[str, Path]) -> None:
